@@ -1,0 +1,57 @@
+# Flags for all our targets, and the two functions that make tests and fuzz targets.
+
+add_library(csipose_flags INTERFACE)
+target_compile_options(csipose_flags INTERFACE -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion -Werror
+                       -fno-math-errno -ffp-contract=off)
+target_include_directories(csipose_flags INTERFACE ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/generated)
+if(CSIPOSE_SANITIZE)
+  target_compile_options(csipose_flags INTERFACE -fsanitize=${CSIPOSE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
+  target_link_options(csipose_flags INTERFACE -fsanitize=${CSIPOSE_SANITIZE})
+endif()
+if(CSIPOSE_SANITIZE MATCHES thread)
+  # GCC warns that it does not model fences; we use none across threads.
+  target_compile_options(csipose_flags INTERFACE -Wno-tsan)
+endif()
+
+# csipose_test(NAME FILE... LIBRARIES LIB...): one GoogleTest program, one line of ctest.
+find_package(GTest REQUIRED)
+function(csipose_test name)
+  cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
+  add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
+  target_link_libraries(${name} PRIVATE csipose_flags ${ARG_LIBRARIES} GTest::gtest GTest::gtest_main)
+  target_compile_definitions(${name} PRIVATE
+    CSIPOSE_SHARED_DATA="${CSIPOSE_SHARED_DATA}" CSIPOSE_TEST_DATA="${CMAKE_SOURCE_DIR}/tests/data"
+    CSIPOSE_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+  add_test(NAME ${name} COMMAND ${name})
+endfunction()
+
+# csipose_fuzz(NAME FILE LIBRARIES LIB...): FILE defines LLVMFuzzerTestOneInput. With CSIPOSE_FUZZ it is a libFuzzer
+# program; without, a main() replays the corpus tests/fuzz/corpus/NAME, and ctest runs that in every build.
+function(csipose_fuzz name)
+  cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
+  set(corpus ${CMAKE_SOURCE_DIR}/tests/fuzz/corpus/${name})
+  if(CSIPOSE_FUZZ)
+    add_executable(fuzz_${name} ${ARG_UNPARSED_ARGUMENTS})
+    target_compile_options(fuzz_${name} PRIVATE -fsanitize=fuzzer)
+    target_link_options(fuzz_${name} PRIVATE -fsanitize=fuzzer)
+    add_test(NAME fuzz.${name} COMMAND fuzz_${name} -runs=0 ${corpus})
+  else()
+    add_executable(fuzz_${name} ${ARG_UNPARSED_ARGUMENTS} ${CMAKE_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
+    add_test(NAME fuzz.${name} COMMAND fuzz_${name} ${corpus})
+  endif()
+  target_link_libraries(fuzz_${name} PRIVATE csipose_flags ${ARG_LIBRARIES})
+  set_target_properties(fuzz_${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/fuzz)
+endfunction()
+
+# generated/version.h: version from project(), commit from git where there is a checkout.
+find_package(Git QUIET)
+set(CSIPOSE_COMMIT "unknown")
+if(GIT_FOUND)
+  execute_process(COMMAND ${GIT_EXECUTABLE} -C ${CMAKE_SOURCE_DIR} rev-parse --short=12 HEAD
+                  OUTPUT_VARIABLE commit OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE result)
+  if(result EQUAL 0)
+    set(CSIPOSE_COMMIT ${commit})
+  endif()
+endif()
+configure_file(${CMAKE_SOURCE_DIR}/cmake/version.h.in ${CMAKE_BINARY_DIR}/generated/version.h)

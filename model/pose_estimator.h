@@ -1,0 +1,51 @@
+// model/pose_estimator.h - a window in, tracked people in the room out: engine, scores, pose-NMS, room frame, tracker.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "model/engine.h"
+#include "proto/pose.h"
+#include "proto/window.h"
+
+namespace csipose {
+
+enum class Smoothing : std::uint8_t { none, one_euro };
+
+struct EstimatorConfig {
+  int max_people = 5;          ///< at most kMaxPeople
+  float min_score = 0.5f;      ///< on the calibrated score
+  float nms_distance_m = 0.25f;///< mean joint distance under which the lower-scored of two poses is dropped
+  bool track = true;
+  Nanoseconds track_timeout = std::chrono::milliseconds(1000);
+  Smoothing smoothing = Smoothing::none;
+};
+
+/// What the estimator has to say of one window.
+struct Estimate {
+  std::uint32_t people_count = 0;
+  std::array<Person, kMaxPeople> people{};
+  Reasons reasons = 0;  ///< too_few_links, nan_input: then people_count is 0
+};
+
+class PoseEstimator {
+ public:
+  PoseEstimator(std::shared_ptr<const Model> model, std::unique_ptr<Engine> engine, const EstimatorConfig& config);
+  ~PoseEstimator();
+  /// Runs the network on the window's present links. Fewer links than the model allows, or numbers that are not
+  /// finite, give no people and the reason. Tracks age by `window.last_sample`.
+  const Estimate& estimate(const Window& window);
+  /// Takes new values of min_score, track, track_timeout, smoothing between two windows (configuration reload).
+  void configure(const EstimatorConfig& config);
+  /// Forgets all tracks (data stopped: nobody is followed across the silence); ids are still never reused.
+  void reset();
+  const Model& model() const;
+  const Engine& engine() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace csipose
