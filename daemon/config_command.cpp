@@ -1,31 +1,24 @@
 // `csipose config check|show|default`: what the daemon would run with, and where each value comes from.
-#include "daemon/config_command.h"
-
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
 #include "daemon/config.h"
+#include "daemon/tool.h"
 
 namespace csipose {
 namespace {
 
-/// The options --config and --set of the whole program, wherever they were typed.
-ConfigSources named_on_command_line(CLI::App& app) {
-  ConfigSources sources;
-  sources.environment = process_environment();
-  if (const CLI::Option* file = app.get_option_no_throw("--config"); file != nullptr && file->count() > 0)
-    sources.file = file->as<std::string>();
-  if (const CLI::Option* set = app.get_option_no_throw("--set"); set != nullptr && set->count() > 0)
-    sources.set = set->as<std::vector<std::string>>();
-  return sources;
+Config named_on_command_line() {
+  return load_config({tool_options().config, tool_options().sets, process_environment()});
 }
 
 void print(const std::string& text) { std::fwrite(text.data(), 1, text.size(), stdout); }
 
-void check(CLI::App& app) {
-  const ConfigSources sources = named_on_command_line(app);
-  load_config(sources);
-  print((sources.file.empty() ? std::string(kDefaultConfigFile) : sources.file) + ": no mistakes\n");
+void check() {
+  named_on_command_line();
+  const std::string& file = tool_options().config;
+  if (!tool_options().quiet)
+    print((file.empty() ? std::string(kDefaultConfigFile) : file) + ": no mistakes\n");
 }
 
 }  // namespace
@@ -34,9 +27,9 @@ void add_config(CLI::App& app) {
   CLI::App* config = app.add_subcommand("config", "the daemon's configuration: check, show, default");
   config->require_subcommand(1);
   config->add_subcommand("check", "read everything as the daemon does and say what is wrong")
-      ->callback([&app] { check(app); });
+      ->callback(check);
   config->add_subcommand("show", "what the daemon would run with, and where each value comes from")
-      ->callback([&app] { print(to_toml(load_config(named_on_command_line(app)), false)); });
+      ->callback([] { print(to_toml(named_on_command_line(), false)); });
   config->add_subcommand("default", "every key with its default, meaning and range")->callback([] {
     print(to_toml(Config{}, true));
   });

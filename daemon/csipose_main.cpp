@@ -41,6 +41,7 @@ void become_sibling_if_named(int argc, char** argv) {
 
 void add_commands(CLI::App& app) {
   for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
+  add_config(app);
 }
 
 std::vector<std::string> command_names(const CLI::App& app) {

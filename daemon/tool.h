@@ -35,4 +35,7 @@ std::string sibling_program(const std::string& name);
 /// The entry of `known` that `word` was most likely meant to be; empty when none is near.
 std::string nearest_word(const std::string& word, const std::vector<std::string>& known);
 
+// The commands, each in its own file.
+void add_config(CLI::App& app);
+
 }  // namespace csipose
