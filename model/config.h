@@ -1,0 +1,57 @@
+// model/config.h - the sizes of a network, its presets, and the tensors that follow from them.
+//
+// Encoder: `depth` pre-LN transformer blocks of width `dim` over 180 tokens (20 samples x 9 links) of 60
+// channels. Decoder: `queries` learned queries of width `decoder_dim` pass `decoder_layers` post-LN layers
+// against the encoder's memory; `refine_layers` more layers then correct each of the 14 joints. The decoder
+// follows PETR as in aiotgroup/Person-in-WiFi-3D-repo, the encoder follows facebookresearch/ijepa.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace csipose {
+
+struct NetworkConfig {
+  std::string preset;             ///< "paper", "base", "small", "tiny", "micro", or "custom"
+  std::size_t dim = 0;            ///< D, width of the encoder; a multiple of 4
+  std::size_t depth = 0;          ///< blocks of the encoder
+  std::size_t heads = 0;          ///< attention heads of the encoder; MLP width is 4 D
+  std::size_t decoder_dim = 0;    ///< E, width of decoder and refinement
+  std::size_t decoder_heads = 0;  ///< attention heads of decoder and refinement
+  std::size_t ffn = 0;            ///< hidden width of the decoder's feed-forward
+  std::size_t kpt_hidden = 0;     ///< hidden width of the keypoint heads
+  std::size_t queries = 0;        ///< Q, at most 180
+  std::size_t decoder_layers = 0;
+  std::size_t refine_layers = 0;  ///< 0: the last decoder layer has the last word
+  bool identity_conditioning =
+      true;                  ///< refinement sees which person it refines; off in parity with the paper
+  bool joint_sigma = false;  ///< has the head for the expected error per joint
+
+  bool operator==(const NetworkConfig&) const = default;
+};
+
+/// All presets, largest first.
+std::vector<std::string_view> preset_names();
+/// Throws SetupError (usage) that lists the presets when `preset` is none of them. Decoder heads are 32 wide
+/// in all, as in the paper's (256 / 8).
+NetworkConfig preset_config(std::string_view preset);
+
+/// One line of JSON with every size and switch; `preset` is not in it.
+std::string to_json(const NetworkConfig& config);
+/// The inverse. Strict: every key once, none unknown, sizes that make a network; and a preset's name must go
+/// with its sizes. Throws SetupError (bad data) with words that start with the culprit.
+NetworkConfig config_from_json(const std::string& preset, const std::string& json);
+
+struct TensorSpec {
+  std::string name;
+  std::vector<std::size_t> shape;
+};
+/// Every tensor that the network computes with, in the order of computation. Names are those of
+/// docs/weights.md.
+std::vector<TensorSpec> required_tensors(const NetworkConfig& config);
+/// Numbers in all of them together.
+std::size_t parameter_count(const NetworkConfig& config);
+
+}  // namespace csipose

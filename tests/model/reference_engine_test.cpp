@@ -1,0 +1,183 @@
+// The whole network as an engine: what must hold for any weights.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/engine.h"
+#include "model/model.h"
+#include "model/reference.h"
+
+namespace csipose {
+namespace {
+
+constexpr std::size_t kPose = 3 * kJoints;
+
+std::vector<float> input(unsigned seed) {
+  std::vector<float> x(kChannels * kTokens);
+  for (std::size_t i = 0; i < x.size(); ++i)
+    x[i] = std::sin(0.1f * static_cast<float>(seed) + 0.731f * static_cast<float>(i));
+  return x;
+}
+LinkSet all_links() { return LinkSet().set(); }
+std::vector<float> copy(std::span<const float> view) { return {view.begin(), view.end()}; }
+
+std::shared_ptr<const Model> micro(bool identity = true, bool sigma = false) {
+  NetworkConfig config = preset_config("micro");
+  config.identity_conditioning = identity;
+  config.joint_sigma = sigma;
+  return init_random(config, 5, HeadInit::random);
+}
+
+TEST(ReferenceEngine, SameInputSameBits) {
+  const auto a = make_reference_engine(micro()), b = make_reference_engine(micro());
+  const auto x = input(1);
+  const std::vector<float> first = copy(a->run(x, all_links()).poses);
+  a->run(input(2), all_links());
+  EXPECT_EQ(first, copy(a->run(x, all_links()).poses));
+  EXPECT_EQ(first, copy(b->run(x, all_links()).poses));
+}
+
+TEST(ReferenceEngine, OutputDependsOnTheInput) {
+  const auto engine = make_reference_engine(micro());
+  const std::vector<float> first = copy(engine->run(input(1), all_links()).poses);
+  EXPECT_NE(first, copy(engine->run(input(2), all_links()).poses));
+}
+
+TEST(ReferenceEngine, AbsentLinksHaveNoSay) {
+  const auto engine = make_reference_engine(micro());
+  LinkSet links = all_links();
+  links.reset(3).reset(4).reset(5);
+  std::vector<float> x = input(1);
+  const std::vector<float> first = copy(engine->run(x, links).poses);
+  for (std::size_t c = 0; c < kChannels; ++c)
+    for (std::size_t t = 0; t < kSamples; ++t)
+      for (const std::size_t l : {3, 4, 5}) x[Window::index(c, t, l)] = NAN;
+  EXPECT_EQ(first, copy(engine->run(x, links).poses));
+}
+
+TEST(ReferenceEngine, AbsentLinksAreTokensLeftOutOfTheSequence) {
+  const auto model = micro();
+  const auto engine = make_reference_engine(model);
+  const LinkSet links(0b000111000);
+  const auto x = input(3);
+  engine->run(x, links);
+  const NetworkConfig& c = model->config();
+  const std::vector<std::size_t> visible = reference::visible_tokens(links);
+  ASSERT_EQ(visible.size(), 60u);
+  const auto encoded = reference::encode(model->tensors(), "encoder.", {c.dim, c.depth, c.heads},
+                                         reference::tokens_of(x), visible);
+  EXPECT_EQ(encoded.tokens.data, copy(engine->stage("encoder")));
+  EXPECT_EQ(engine->stage("memory").size(), 60 * c.decoder_dim);
+}
+
+// Permuting links together with their rows of the position code permutes the tokens: attention knows no
+// order.
+TEST(ReferenceEngine, TokensKnowTheirPlaceOnlyByThePositionCode) {
+  const auto model = micro();
+  const NetworkConfig& c = model->config();
+  const auto tokens = reference::tokens_of(input(4));
+  std::vector<std::size_t> order = reference::visible_tokens(all_links());
+  const auto straight =
+      reference::encode(model->tensors(), "encoder.", {c.dim, c.depth, c.heads}, tokens, order);
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i / 9 * 9 + (4 * (i % 9) + 2) % 9;
+  const auto permuted =
+      reference::encode(model->tensors(), "encoder.", {c.dim, c.depth, c.heads}, tokens, order);
+  for (std::size_t i = 0; i < order.size(); ++i)
+    for (std::size_t d = 0; d < c.dim; ++d)
+      EXPECT_NEAR(permuted.tokens.at(i, d), straight.tokens.at(order[i], d), 1e-5);
+}
+
+TEST(ReferenceEngine, WithFewTokensThereAreAsManyQueriesAsTokens) {
+  NetworkConfig config = preset_config("micro");
+  config.preset = "custom";
+  config.queries = 50;
+  const auto engine = make_reference_engine(init_random(config, 2, HeadInit::random));
+  const auto x = input(1);
+  EXPECT_EQ(engine->run(x, all_links()).logits.size(), 50u);
+  const NetworkOutput one_link = engine->run(x, LinkSet(1));
+  EXPECT_EQ(one_link.logits.size(), 20u);
+  EXPECT_EQ(one_link.poses.size(), 20 * kPose);
+}
+
+TEST(ReferenceEngine, QueriesComeInTheOrderOfTheirProposals) {
+  const auto engine = make_reference_engine(micro());
+  engine->run(input(1), all_links());
+  const auto scores = engine->stage("enc_cls"), rows = engine->stage("topk");
+  for (std::size_t q = 1; q < rows.size(); ++q)
+    EXPECT_GE(scores[static_cast<std::size_t>(rows[q - 1])], scores[static_cast<std::size_t>(rows[q])]);
+}
+
+/// Spread over the queries of what refinement adds to a pose, summed over the joints' coordinates.
+float refinement_spread(Engine& engine) {
+  const NetworkOutput out = engine.run(input(1), all_links());
+  const auto kpt = engine.stage("kpt");
+  const std::size_t queries = out.logits.size();
+  const auto last = kpt.subspan(kpt.size() - queries * kPose);
+  float spread = 0;
+  for (std::size_t i = 0; i < kPose; ++i)
+    for (std::size_t q = 1; q < queries; ++q)
+      spread += std::fabs((out.poses[q * kPose + i] - last[q * kPose + i]) - (out.poses[i] - last[i]));
+  return spread;
+}
+
+TEST(ReferenceEngine, OnlyIdentityConditioningTellsPeopleApart) {
+  EXPECT_LT(refinement_spread(*make_reference_engine(micro(false))), 1e-3f);
+  EXPECT_GT(refinement_spread(*make_reference_engine(micro(true))), 1.f);
+}
+
+TEST(ReferenceEngine, ZeroIdentityWeightsAreParity) {
+  const auto with = init_random(preset_config("micro"), 5, HeadInit::zero);
+  NetworkConfig config = preset_config("micro");
+  config.identity_conditioning = false;
+  const auto without = init_random(config, 5, HeadInit::zero);
+  const auto a = make_reference_engine(with), b = make_reference_engine(without);
+  EXPECT_EQ(copy(a->run(input(1), all_links()).poses), copy(b->run(input(1), all_links()).poses));
+}
+
+TEST(ReferenceEngine, SigmaIsAboveAMillimetreAndOnlyThereWithItsHead) {
+  EXPECT_TRUE(make_reference_engine(micro())->run(input(1), all_links()).sigma_m.empty());
+  const auto engine = make_reference_engine(micro(true, true));
+  const NetworkOutput out = engine->run(input(1), all_links());
+  ASSERT_EQ(out.sigma_m.size(), out.logits.size() * kJoints);
+  for (const float sigma : out.sigma_m) EXPECT_GT(sigma, 1e-3f);
+}
+
+TEST(ReferenceEngine, NormalisesAmplitudeAndPhase) {
+  const auto file =
+      SafetensorsFile::parse(random_weights(preset_config("micro"), 5, HeadInit::random), "plain");
+  std::vector<TensorView> tensors = file.tensors();
+  const float mean = 20, amp_std = 5, ph_std = 1.5f;
+  for (TensorView& view : tensors) {
+    if (view.name == "norm.amp_mean") view.bytes = ByteView(&mean, 4);
+    if (view.name == "norm.amp_std") view.bytes = ByteView(&amp_std, 4);
+    if (view.name == "norm.ph_std") view.bytes = ByteView(&ph_std, 4);
+  }
+  const auto scaled =
+      Model::from(SafetensorsFile::parse(pack_safetensors(file.metadata(), tensors), "scaled"));
+  const std::vector<float> x = input(1);
+  std::vector<float> raw = x;
+  for (std::size_t i = 0; i < raw.size(); ++i)
+    raw[i] = i < raw.size() / 2 ? x[i] * amp_std + mean : x[i] * ph_std;
+  const auto a = make_reference_engine(Model::from(file)), b = make_reference_engine(scaled);
+  const std::vector<float> expected = copy(a->run(x, all_links()).poses),
+                           got = copy(b->run(raw, all_links()).poses);
+  for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(got[i], expected[i], 1e-4);
+}
+
+TEST(ReferenceEngine, NanInputGivesAnAnswerOfTheRightSize) {
+  const auto engine = make_reference_engine(micro());
+  std::vector<float> x = input(1);
+  x[17] = NAN;
+  EXPECT_EQ(engine->run(x, all_links()).poses.size(), 8 * kPose);
+}
+
+TEST(ReferenceEngine, UnknownStageIsEmpty) {
+  const auto engine = make_reference_engine(micro());
+  engine->run(input(1), all_links());
+  EXPECT_TRUE(engine->stage("nothing").empty());
+  EXPECT_EQ(engine->stage("embed").size(), kTokens * 64);
+}
+
+}  // namespace
+}  // namespace csipose
