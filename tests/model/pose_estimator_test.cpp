@@ -1,0 +1,166 @@
+#include "model/pose_estimator.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <new>
+
+#include "model/model.h"
+#include "proto/result.h"
+
+namespace {
+std::size_t allocations = 0;
+}
+void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* p = std::malloc(size)) return p;
+  throw std::bad_alloc();
+}
+void operator delete(void* p) noexcept { std::free(p); }
+void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
+namespace csipose {
+namespace {
+
+/// Stands in for a network: answers what the test wrote.
+class Scripted final : public Engine {
+ public:
+  NetworkOutput run(std::span<const float>, LinkSet links) override {
+    ++runs;
+    last_links = links;
+    return {logits, poses, {}};
+  }
+  std::span<const float> stage(const std::string&) const override { return {}; }
+  Precision precision() const override { return Precision::f32; }
+  std::string describe() const override { return "scripted"; }
+  void answer(const std::vector<float>& x_of_people_m) {
+    logits.assign(x_of_people_m.size(), 4.f);
+    poses.clear();
+    for (const float x_m : x_of_people_m)
+      for (std::size_t j = 0; j < kJoints; ++j)
+        poses.insert(poses.end(), {x_m, 1, 0.1f * static_cast<float>(j)});
+  }
+  std::vector<float> logits, poses;
+  LinkSet last_links;
+  int runs = 0;
+};
+
+class Estimator : public ::testing::Test {
+ protected:
+  Estimator() {
+    window.links.set();
+    window.last_sample = SteadyTime{std::chrono::seconds(1)};
+    auto engine = std::make_unique<Scripted>();
+    network = engine.get();
+    network->answer({1, 3});
+    estimator = std::make_unique<PoseEstimator>(model, std::move(engine), EstimatorConfig{});
+  }
+  const Estimate& next() {
+    window.last_sample += std::chrono::milliseconds(33);
+    return estimator->estimate(window);
+  }
+  std::shared_ptr<const Model> model = init_random(preset_config("micro"), 1, HeadInit::zero);  // min_links 3
+  Scripted* network = nullptr;
+  std::unique_ptr<PoseEstimator> estimator;
+  Window window;
+};
+
+TEST_F(Estimator, GivesTrackedPeople) {
+  const Estimate& estimate = next();
+  ASSERT_EQ(estimate.people_count, 2u);
+  EXPECT_EQ(estimate.reasons, 0u);
+  EXPECT_EQ(estimate.people[0].id, 1u);
+  EXPECT_EQ(estimate.people[1].id, 2u);
+  network->answer({3.05f, 1.02f});
+  next();
+  EXPECT_EQ(estimate.people[0].id, 1u);
+  EXPECT_NEAR(estimate.people[0].joints[0].x, 1.02f, 1e-6);
+  EXPECT_EQ(estimate.people[0].age_ms, 33u);
+}
+
+TEST_F(Estimator, WhoIsNotSeenIsNotSent) {
+  next();
+  network->answer({1});
+  EXPECT_EQ(next().people_count, 1u);
+  network->answer({});
+  EXPECT_EQ(next().people_count, 0u);
+}
+
+TEST_F(Estimator, TooFewLinksGiveNobodyAndTheNetworkDoesNotRun) {
+  window.links = LinkSet(0b11);
+  const Estimate& estimate = next();
+  EXPECT_EQ(estimate.people_count, 0u);
+  EXPECT_EQ(estimate.reasons, reason_bit(Reason::too_few_links));
+  EXPECT_EQ(network->runs, 0);
+  window.links = LinkSet(0b111);
+  EXPECT_EQ(next().people_count, 2u);
+  EXPECT_EQ(network->last_links, LinkSet(0b111));
+}
+
+TEST_F(Estimator, NanInAPresentLinkGivesNobodyInAnAbsentOneIsNotLookedAt) {
+  window.x[Window::index(35, 7, 4)] = NAN;
+  EXPECT_EQ(next().reasons, reason_bit(Reason::nan_input));
+  EXPECT_EQ(network->runs, 0);
+  window.links.reset(4);
+  EXPECT_EQ(next().people_count, 2u);
+}
+
+TEST_F(Estimator, AnAnswerThatIsNotFiniteGivesNobody) {
+  network->poses[3] = NAN;
+  EXPECT_EQ(next().people_count, 0u);
+  EXPECT_EQ(next().reasons, reason_bit(Reason::nan_input));
+}
+
+TEST_F(Estimator, WithoutTrackingIdsAreZero) {
+  EstimatorConfig config;
+  config.track = false;
+  estimator->configure(config);
+  EXPECT_EQ(next().people[1].id, 0u);
+}
+
+TEST_F(Estimator, ResetFollowsNobodyAcrossTheSilence) {
+  next();
+  estimator->reset();
+  EXPECT_EQ(next().people[0].id, 3u);
+}
+
+TEST_F(Estimator, RefusesSettingsThatMakeNoSense) {
+  EstimatorConfig config;
+  config.max_people = 11;
+  EXPECT_THROW(estimator->configure(config), SetupError);
+  config.max_people = 0;
+  EXPECT_THROW(estimator->configure(config), SetupError);
+  config = {};
+  config.min_score = NAN;
+  EXPECT_THROW(estimator->configure(config), SetupError);
+  config = {};
+  config.track = false;
+  config.smoothing = Smoothing::one_euro;
+  EXPECT_THROW(estimator->configure(config), SetupError);
+  EXPECT_EQ(next().people_count, 2u);  // the old settings still hold
+}
+
+TEST_F(Estimator, DoesNotAllocate) {
+  EstimatorConfig config;
+  config.smoothing = Smoothing::one_euro;
+  estimator->configure(config);
+  next();
+  const std::size_t before = allocations;
+  for (int i = 0; i < 100; ++i) next();
+  EXPECT_EQ(allocations, before);
+}
+
+TEST(EstimatorWithANetwork, AnUntrainedNetworkFindsNobody) {
+  const auto model = init_random(preset_config("micro"), 1, HeadInit::zero);
+  PoseEstimator estimator(model, make_reference_engine(model), {});
+  Window window;
+  window.links.set();
+  const Estimate& estimate = estimator.estimate(window);
+  EXPECT_EQ(estimate.people_count, 0u);
+  EXPECT_EQ(estimate.reasons, 0u);
+  EXPECT_TRUE(estimator.model().untrained());
+}
+
+}  // namespace
+}  // namespace csipose
