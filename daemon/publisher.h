@@ -60,8 +60,8 @@ class Publisher {
   /// Configuration reload: clients keep what they were granted, but for a lowered max_level.
   void configure(const StreamLimits& limits, int max_clients);
 
-  /// Sends what is queued and bye{reason} to all, waits at most `patience` for them to take it, and ends the thread.
-  /// Frames published afterwards go nowhere.
+  /// Sends what is queued and bye{reason} to all, waits at most `patience` for them to take it, and ends the
+  /// thread. Frames published afterwards go nowhere.
   void finish(const std::string& reason, Nanoseconds patience = std::chrono::seconds(1));
 
  private:
