@@ -37,6 +37,8 @@ class Engine {
   virtual Precision precision() const = 0;
   /// "oneDNN 2.6.3, bf16 (brg:avx512_core_bf16), 2 threads".
   virtual std::string describe() const = 0;
+  /// What was decided at start and why, with measured times: for the log, never for frames.
+  virtual std::string notes() const { return {}; }
 };
 
 /// Plain loops in f32, written to be read beside the specification; the oracle of all others. Slow.
