@@ -16,15 +16,14 @@
 #include <memory>
 #include <optional>
 
+#include "capture/sanitise.h"
+#include "capture/scale.h"
+#include "capture/tx_counter.h"
 #include "proto/packet.h"
 #include "proto/window.h"
 
 namespace csipose {
 
-enum class PhaseMethod : std::uint8_t { joint, phasefi };
-enum class AmplitudeMethod : std::uint8_t { raw, scaled };
-/// How the transmit counter is recovered from a received 802.11 frame; `automatic` settles per receiver on what it sees.
-enum class CounterMethod : std::uint8_t { automatic, csip, sequence16, lfsr, sequence12, none };
 enum class AlignMethod : std::uint8_t { tx_counter, time };
 
 struct FrontEndConfig {
