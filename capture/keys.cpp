@@ -3,25 +3,19 @@
 #include <fcntl.h>
 #include <sodium.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <vector>
 
+#include "capture/file_descriptor.h"
+
 namespace csipose {
 namespace {
 
 constexpr std::size_t kMaxKeyFile = 256;
 const std::string kNewKey = "; make a new one with `csipose agent add`";
-
-struct Descriptor {
-  int fd = -1;
-  ~Descriptor() {
-    if (fd >= 0) ::close(fd);
-  }
-};
 
 bool is_receiver_id(const std::string& name) {
   const auto allowed = [](char c) {
@@ -93,11 +87,11 @@ Result<AgentKey, std::string> parse_agent_key(ByteView text) {
 }
 
 AgentKey load_agent_key(const std::string& path) {
-  const Descriptor file{::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)};
-  if (file.fd < 0) refuse_to_open(path);
-  require_private(file.fd, path);
+  const FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
+  if (!file) refuse_to_open(path);
+  require_private(file.get(), path);
   std::array<char, kMaxKeyFile> text{};
-  const ssize_t size = ::read(file.fd, text.data(), text.size());
+  const ssize_t size = ::read(file.get(), text.data(), text.size());
   if (size < 0) refuse_to_open(path);
   auto key = parse_agent_key({text.data(), static_cast<std::size_t>(size)});
   sodium_memzero(text.data(), text.size());
@@ -119,13 +113,13 @@ void create_agent_key(const std::string& path, const std::string& name, KeyKind 
   const std::string line = std::string("csipose-key 1 ") + (kind == KeyKind::live ? "live " : "simulated ") +
                            name + " " + hex.data() + "\n";
 
-  const Descriptor file{::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0400)};
-  if (file.fd < 0)
+  const FileDescriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0400));
+  if (!file)
     throw SetupError(ExitStatus::cannot_create,
                      "key file " + path + " cannot be made: " + std::strerror(errno) +
                          (errno == EEXIST ? "; remove it first if the receiver's old key shall end" : ""));
-  if (::write(file.fd, line.data(), line.size()) != static_cast<ssize_t>(line.size()) ||
-      ::fsync(file.fd) != 0) {
+  if (::write(file.get(), line.data(), line.size()) != static_cast<ssize_t>(line.size()) ||
+      ::fsync(file.get()) != 0) {
     const int error = errno;
     ::unlink(path.c_str());
     throw SetupError(ExitStatus::io, "key file " + path + " cannot be written: " + std::strerror(error));
