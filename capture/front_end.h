@@ -5,10 +5,14 @@
 // comes in with the packets, so a recording gives the same windows at any speed.
 //
 // The grid. Every received frame gets a place on one line of transmit counters (recovered from the frame, or, where
-// there is none, rebuilt from the receivers' clocks: aligner.h). Counters become grid slots by
+// there is none, rebuilt from the receivers' clocks: aligner.h). Counters become grid slots (transmit_line.h) by
 //     slot = floor((counter - counter0) * grid rate / transmit rate),
 // so that equal rates use every frame once and a faster transmitter is thinned evenly; a pause of the transmitter moves
 // the line on by the time that passed. The newest frame of a slot wins. A window is 20 consecutive slots.
+//
+// The start. Until the transmit rate is known (33 frames of some receiver, unless it is configured) and until a receiver
+// without counters has settled (32 frames), frames are held back and then placed as if nothing had been: none is lost,
+// unless 64 of a receiver are held, when its oldest goes. A transmitter that starts anew loses 7 frames.
 #pragma once
 
 #include <array>
@@ -16,8 +20,7 @@
 #include <memory>
 #include <optional>
 
-#include "capture/sanitise.h"
-#include "capture/scale.h"
+#include "capture/features.h"
 #include "capture/tx_counter.h"
 #include "proto/packet.h"
 #include "proto/window.h"
@@ -49,15 +52,17 @@ struct ReceiverStats {
   std::array<std::uint64_t, 16> faults{};///< by RecordFault (proto/record_stream.h)
   std::uint64_t unpaired_frames = 0;     ///< 0xC1 with no CSI after it
   std::uint64_t bad_fcs = 0;
-  std::uint64_t no_counter = 0;          ///< usable records whose counter could not be told
+  std::uint64_t no_counter = 0;          ///< usable records whose counter could not be told, nor their time
+  std::uint64_t unplaced = 0;            ///< counter or time contradict the line of the other frames
   std::uint64_t lost_driver = 0;         ///< gaps of bfee_count: lost between driver and us
-  std::uint64_t lost_air = 0;            ///< counters that another receiver got and this one did not
+  std::uint64_t lost_air = 0;            ///< counters that another receiver got and this one did not, a second later
   std::uint64_t duplicates = 0;          ///< bfee_count or counter that came before
   std::uint64_t late = 0;                ///< came after its window was taken
   std::uint64_t filled = 0;              ///< samples repeated from an older one
   std::uint64_t clock_epochs = 0;        ///< times the NIC's clock started anew
   double rate_hz = 0;                    ///< over the last second
-  double offset_s = 0, skew_ppm = 0, residual_s = 0;  ///< NIC clock against the common line; NaN when not known
+  /// NIC clock against that of the first receiver heard: ahead by, faster by, scatter; NaN when not known.
+  double offset_s = 0, skew_ppm = 0, residual_s = 0;
   double match_ratio = 0;                ///< records whose counter another receiver has too, 0..1
 };
 
@@ -65,6 +70,7 @@ struct FrontEndStats {
   std::array<ReceiverStats, kReceivers> receivers{};
   std::uint64_t windows = 0, windows_masked = 0;  ///< taken; of these with a receiver masked
   double tx_hz = 0;                               ///< transmit rate in use; 0 = not yet known
+  std::uint64_t pauses = 0, restarts = 0;         ///< of the transmitter
 };
 
 /// A window that can be had, and when its newest sample was (arrival of the fastest receiver's packet, by the clock of
@@ -81,7 +87,8 @@ class FrontEnd {
   FrontEnd(const FrontEnd&) = delete;
   FrontEnd& operator=(const FrontEnd&) = delete;
 
-  /// Decodes, pairs, sanitises and places one packet. Anything wrong with it is a counter, never an exception.
+  /// Decodes, pairs, sanitises and places one packet. Anything wrong with it is a counter, never an exception. Arrivals
+  /// ascend over all receivers; one that runs back is taken for the newest so far.
   ///   cost: some 5 us at 3x1; no allocation
   void add(const Packet& packet);
 
@@ -98,6 +105,9 @@ class FrontEnd {
 
   /// The newest slot that some receiver has filled: a replay is over when next()->end_slot passes it.
   std::int64_t newest_slot() const;
+
+  /// No more packets will come: counts the losses of the last second, which may still have arrived until now.
+  void finish();
 
   const FrontEndStats& stats() const;
 
