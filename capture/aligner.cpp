@@ -11,11 +11,13 @@ namespace {
 constexpr double kUnknown_us = std::numeric_limits<double>::quiet_NaN();
 constexpr Nanoseconds kEventLife = std::chrono::seconds(1);
 constexpr Nanoseconds kReferenceSilence = std::chrono::seconds(1);
-// A crystal that warms up moves by a tenth of a ppm a second: after 2 s the line is still good to a microsecond.
+// A crystal that warms up moves by a tenth of a ppm a second: after 2 s the line is still good to a
+// microsecond.
 constexpr Nanoseconds kMaxSilence = std::chrono::seconds(2);
 constexpr int kMaxAlone = 32;
 constexpr int kMinMatches = 8;
-constexpr double kMinTolerance_us = 50;  // timestamps are whole microseconds; their jitter was measured below 2
+constexpr double kMinTolerance_us =
+    50;  // timestamps are whole microseconds; their jitter was measured below 2
 
 std::uint8_t bit(std::size_t receiver) { return static_cast<std::uint8_t>(1U << receiver); }
 double us(Nanoseconds d) { return static_cast<double>(d.count()) * 1e-3; }
@@ -46,7 +48,8 @@ bool Aligner::heard(const Frame& frame, std::int64_t counter) {
 
 bool Aligner::settled(const Frame& frame) const {
   const Clock& clock = clocks_[frame.receiver];
-  return clock.line.anchored() && clock.epoch == frame.nic.epoch && frame.arrival - clock.last_arrival < kMaxSilence;
+  return clock.line.anchored() && clock.epoch == frame.nic.epoch &&
+         frame.arrival - clock.last_arrival < kMaxSilence;
 }
 
 void Aligner::settle(std::span<const Frame> frames, double period_s) {
@@ -170,13 +173,14 @@ void Aligner::pair(std::uint8_t receiver, const Event& event) {
   if (!clock.line.add(nic.us, event.axis_us)) clock.line.reset();
 }
 
-/// The frame's time on the axis by way of the clock of arrivals: off by the difference of two shortest paths. nullopt
-/// when no other receiver that was heard lately is on the axis.
+/// The frame's time on the axis by way of the clock of arrivals: off by the difference of two shortest paths.
+/// nullopt when no other receiver that was heard lately is on the axis.
 std::optional<double> Aligner::coarse_axis_us(const Frame& frame) const {
   const Clock* via = nullptr;
   for (std::uint8_t r = 0; r < kReceivers; ++r) {
     const Clock& clock = clocks_[r];
-    const bool fit = r != frame.receiver && clock.line.anchored() && frame.arrival - clock.last_arrival < kMaxSilence;
+    const bool fit =
+        r != frame.receiver && clock.line.anchored() && frame.arrival - clock.last_arrival < kMaxSilence;
     if (fit && (via == nullptr || r == reference_)) via = &clock;
   }
   if (via == nullptr) return std::nullopt;
@@ -187,17 +191,20 @@ double Aligner::tolerance_us(std::uint8_t receiver, double period_us) const {
   double tolerance = 0;
   for (std::uint8_t r = 0; r < kReceivers; ++r) {
     const PairLine& line = clocks_[r].line;
-    const bool concerned = r == receiver || receiver == reference_;  // the reference meets what others have placed
-    if (concerned && line.pairs() >= PairLine::kMinPairs) tolerance = std::max(tolerance, 6 * line.residual_us());
+    const bool concerned =
+        r == receiver || receiver == reference_;  // the reference meets what others have placed
+    if (concerned && line.pairs() >= PairLine::kMinPairs)
+      tolerance = std::max(tolerance, 6 * line.residual_us());
   }
   if (tolerance == 0) return period_us / 2;
   return std::min(std::max(tolerance, kMinTolerance_us), period_us / 2);
 }
 
-/// The irregular gaps of the frames laid over those of the events: at the right shift the differences are a straight
-/// line to a microsecond, at any other they show the jitter of channel access twice. Without jitter all shifts look
-/// alike, and the coarse guess decides.
-std::optional<Aligner::Shift> Aligner::best_shift(std::span<const Frame> frames, double coarse_us, double period_us) {
+/// The irregular gaps of the frames laid over those of the events: at the right shift the differences are a
+/// straight line to a microsecond, at any other they show the jitter of channel access twice. Without jitter
+/// all shifts look alike, and the coarse guess decides.
+std::optional<Aligner::Shift> Aligner::best_shift(std::span<const Frame> frames, double coarse_us,
+                                                  double period_us) {
   axis_us_.clear();
   for (std::size_t i = 0; i < count_; ++i)
     if (!std::isnan(at(i).axis_us)) axis_us_.push_back(at(i).axis_us);
@@ -213,7 +220,8 @@ std::optional<Aligner::Shift> Aligner::best_shift(std::span<const Frame> frames,
   for (const std::size_t quarter : {1, 2, 3}) {  // three frames try, in case others have lost one
     const double frame_us = static_cast<double>(frames[frames.size() * quarter / 4].nic.us);
     const double from_us = frame_us + coarse_us - max_error_us_, to_us = frame_us + coarse_us + max_error_us_;
-    for (auto e = std::lower_bound(axis_us_.begin(), axis_us_.end(), from_us); e != axis_us_.end() && *e <= to_us; ++e) {
+    for (auto e = std::lower_bound(axis_us_.begin(), axis_us_.end(), from_us);
+         e != axis_us_.end() && *e <= to_us; ++e) {
       const Shift shift = judge(frames, *e - frame_us, period_us / 4);
       if (shift.matches >= kMinMatches && (!best || better(shift, *best))) best = shift;
     }
@@ -221,7 +229,8 @@ std::optional<Aligner::Shift> Aligner::best_shift(std::span<const Frame> frames,
   return best;
 }
 
-/// How well frames moved by an offset meet events: matches, their mean offset, and their spread about a straight line.
+/// How well frames moved by an offset meet events: matches, their mean offset, and their spread about a
+/// straight line.
 Aligner::Shift Aligner::judge(std::span<const Frame> frames, double offset_us, double tolerance_us) const {
   double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0;
   for (const Frame& frame : frames) {

@@ -1,19 +1,22 @@
-// capture/aligner.h - which frame of one receiver is which frame of another, where the frames do not say so themselves;
-// and how well the receivers' clocks agree, for all of them.
+// capture/aligner.h - which frame of one receiver is which frame of another, where the frames do not say so
+// themselves; and how well the receivers' clocks agree, for all of them.
 //
-// All receivers hear a transmitted frame within nanoseconds: an event. The last second of events is kept here, each with
-// its counter on the common line (transmit_line.h) and its time on the common axis, which is the radio clock of one
-// receiver, the reference; should that fall silent, another carries the axis on.
+// All receivers hear a transmitted frame within nanoseconds: an event. The last second of events is kept
+// here, each with its counter on the common line (transmit_line.h) and its time on the common axis, which is
+// the radio clock of one receiver, the reference; should that fall silent, another carries the axis on.
 //
 // Frames with a counter find their event by it. A frame without one finds it by time:
-//   1. its receiver settles: the shortest paths of NicClock give its clock on the axis to about a millisecond; then the
-//      irregular gaps and losses of its first frames, which are the same for all receivers, choose among the shifts by
-//      whole packets that are still possible
-//   2. from then on matched pairs keep its clock on the axis to a microsecond (pair_line.h), and a frame belongs to the
-//      event within that tolerance, or starts an event that is numbered by its distance in time from its neighbours
+//   1. its receiver settles: the shortest paths of NicClock give its clock on the axis to about a
+//   millisecond; then the
+//      irregular gaps and losses of its first frames, which are the same for all receivers, choose among the
+//      shifts by whole packets that are still possible
+//   2. from then on matched pairs keep its clock on the axis to a microsecond (pair_line.h), and a frame
+//   belongs to the
+//      event within that tolerance, or starts an event that is numbered by its distance in time from its
+//      neighbours
 //
-// Sources: the lower edge of delays as in V. Paxson, On calibrating measurements of packet transit times, 1998. The rest
-// measured on made-up receivers (tests/capture).
+// Sources: the lower edge of delays as in V. Paxson, On calibrating measurements of packet transit times,
+// 1998. The rest measured on made-up receivers (tests/capture).
 #pragma once
 
 #include <array>
@@ -41,8 +44,9 @@ class Aligner {
     SteadyTime arrival{};
   };
   struct ReceiverView {
-    double offset_s = 0, skew_ppm = 0, residual_s = 0;   ///< NIC clock against the axis; NaN when not known
-    std::uint64_t heard = 0, matched = 0, missed = 0;    ///< events a second old: heard; by others too; not heard
+    double offset_s = 0, skew_ppm = 0, residual_s = 0;  ///< NIC clock against the axis; NaN when not known
+    std::uint64_t heard = 0, matched = 0,
+                  missed = 0;  ///< events a second old: heard; by others too; not heard
   };
 
   /// max_error: how far apart two receivers' shortest paths to this host may be.
@@ -52,12 +56,14 @@ class Aligner {
   ///   cost  O(1) for frames in order, no allocation
   bool heard(const Frame& frame, std::int64_t counter);
 
-  /// Whether the frame can be placed by time: its receiver has settled, and has not been silent for long since.
+  /// Whether the frame can be placed by time: its receiver has settled, and has not been silent for long
+  /// since.
   bool settled(const Frame& frame) const;
   /// Settles a receiver on its frames so far (at least one, ascending in time, one clock epoch).
   ///   period_s  between frames, as they come at present
   void settle(std::span<const Frame> frames, double period_s);
-  /// The counter of a frame of a settled receiver; nullopt when there is no event yet to count from, or no number free.
+  /// The counter of a frame of a settled receiver; nullopt when there is no event yet to count from, or no
+  /// number free.
   std::optional<std::int64_t> counter_by_time(const Frame& frame, double period_s) const;
 
   ReceiverView view(std::uint8_t receiver) const;
@@ -70,10 +76,10 @@ class Aligner {
 
   struct Event {
     std::int64_t counter = 0;
-    double axis_us = 0;       // NaN while no clock that is known has heard it
+    double axis_us = 0;  // NaN while no clock that is known has heard it
     bool by_reference = false;
-    std::uint8_t heard = 0;   // bit per receiver
-    SteadyTime arrival{};     // the first
+    std::uint8_t heard = 0;  // bit per receiver
+    SteadyTime arrival{};    // the first
     std::array<NicClock::Reading, kReceivers> nic{};
   };
   struct Clock {

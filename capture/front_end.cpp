@@ -14,11 +14,11 @@
 namespace csipose {
 
 namespace {
-constexpr double kSnap = 0.02;                      // a transmit rate this near to the grid's is meant to be it
-constexpr double kMaxArrivalClockHz = 50;           // above, queues blur arrivals by more than half a period
-constexpr std::size_t kMaxHeld = 64;                // per receiver
+constexpr double kSnap = 0.02;             // a transmit rate this near to the grid's is meant to be it
+constexpr double kMaxArrivalClockHz = 50;  // above, queues blur arrivals by more than half a period
+constexpr std::size_t kMaxHeld = 64;       // per receiver
 constexpr double kMinHeld_s = 2;
-constexpr std::uint32_t kArrivalEpoch = 0xFFFF'FFFF;  // of frames whose clock is their arrival
+constexpr std::uint32_t kArrivalEpoch = 0xFFFF'FFFF;          // of frames whose clock is their arrival
 constexpr std::int64_t kEndOfTimeNs = std::int64_t{1} << 61;  // 73 years: leaves room for sums
 
 std::int64_t bounded(std::int64_t time_ns) { return std::clamp<std::int64_t>(time_ns, 0, kEndOfTimeNs); }
@@ -35,8 +35,8 @@ class HeldFrames {
   HeldFrames() { frames_.reserve(kReceivers * kMaxHeld); }
   bool empty() const { return frames_.empty(); }
   std::size_t count(std::uint8_t receiver) const {
-    return static_cast<std::size_t>(
-        std::count_if(frames_.begin(), frames_.end(), [&](const auto& f) { return f.time.receiver == receiver; }));
+    return static_cast<std::size_t>(std::count_if(
+        frames_.begin(), frames_.end(), [&](const auto& f) { return f.time.receiver == receiver; }));
   }
   /// Requires count(receiver) < kMaxHeld.
   void push(const ReceivedFrame& frame) { frames_.push_back(frame); }
@@ -45,7 +45,9 @@ class HeldFrames {
                                [&](const auto& f) { return f.time.receiver == receiver; }));
   }
   template <class Predicate>
-  void remove_if(Predicate predicate) { std::erase_if(frames_, predicate); }
+  void remove_if(Predicate predicate) {
+    std::erase_if(frames_, predicate);
+  }
   auto begin() const { return frames_.begin(); }
   auto end() const { return frames_.end(); }
 
@@ -76,7 +78,7 @@ struct FrontEnd::State {
   }
   std::optional<Aligner::Frame> clocked(const ReceivedFrame& frame) const;
   std::size_t gather_by_time(std::uint8_t receiver);
-  void settle_held();
+  void settle_if_ready(std::uint8_t receiver);
   bool start_line();
   bool start_by_counter(const ReceivedFrame& first);
   bool start_by_time();
@@ -96,9 +98,9 @@ struct FrontEnd::State {
   WindowBuilder builder;
   HeldFrames held;
   ReceivedFrame in_hand;
-  std::array<Aligner::Frame, kMaxHeld> by_time;             // scratch of gather_by_time()
+  std::array<Aligner::Frame, kMaxHeld> by_time;  // scratch of gather_by_time()
   SteadyTime newest_arrival{};
-  Nanoseconds utc_offset{};                                 // UTC less steady time, by the newest packet
+  Nanoseconds utc_offset{};  // UTC less steady time, by the newest packet
   std::int64_t end_slot = static_cast<std::int64_t>(kSamples) - 1;
   SteadyTime last_due{};
 };
@@ -149,8 +151,12 @@ void FrontEnd::State::hold(const ReceivedFrame& received) {
 
 void FrontEnd::State::place_held() {
   if (!line.started() && !start_line()) return;
-  settle_held();
-  held.remove_if([this](const ReceivedFrame& f) { return place(f) == Placing::done; });
+  held.remove_if([this](const ReceivedFrame& f) { return counts(f) && place(f) == Placing::done; });
+  for (std::uint8_t r = 0; r < kReceivers;
+       ++r) {  // one after the other: the next settles on what this one has placed
+    settle_if_ready(r);
+    held.remove_if([&](const ReceivedFrame& f) { return f.time.receiver == r && place(f) == Placing::done; });
+  }
 }
 
 Placing FrontEnd::State::place(const ReceivedFrame& received) {
@@ -201,8 +207,8 @@ void FrontEnd::State::keep(const ReceivedFrame& received, const Aligner::Frame& 
   builder.put(time.receiver, sample);
 }
 
-/// The frame with a clock to place it by: the receiver's own, or the arrival where that is fine enough; nullopt when
-/// there is none, or when the receiver's clock has been set since.
+/// The frame with a clock to place it by: the receiver's own, or the arrival where that is fine enough;
+/// nullopt when there is none, or when the receiver's clock has been set since.
 std::optional<Aligner::Frame> FrontEnd::State::clocked(const ReceivedFrame& received) const {
   Aligner::Frame time = received.time;
   const NicClock& clock = inputs[time.receiver].clock();
@@ -226,12 +232,10 @@ std::size_t FrontEnd::State::gather_by_time(std::uint8_t receiver) {
   return n;
 }
 
-void FrontEnd::State::settle_held() {
-  for (std::uint8_t r = 0; r < kReceivers; ++r) {
-    const std::size_t n = gather_by_time(r);
-    if (n >= Aligner::kSettleFrames && !aligner.settled(by_time[n - 1]))
-      aligner.settle(std::span(by_time).first(n), line.counter_period_s());
-  }
+void FrontEnd::State::settle_if_ready(std::uint8_t receiver) {
+  const std::size_t n = gather_by_time(receiver);
+  if (n >= Aligner::kSettleFrames && !aligner.settled(by_time[n - 1]))
+    aligner.settle(std::span(by_time).first(n), line.counter_period_s());
 }
 
 bool FrontEnd::State::start_line() {
@@ -253,7 +257,8 @@ bool FrontEnd::State::start_by_time() {
     const std::size_t n = gather_by_time(r);
     if (n < kRateFrames) continue;
     std::array<double, kRateFrames> times_s;
-    for (std::size_t i = 0; i < kRateFrames; ++i) times_s[i] = static_cast<double>(by_time[n - kRateFrames + i].nic.us) * 1e-6;
+    for (std::size_t i = 0; i < kRateFrames; ++i)
+      times_s[i] = static_cast<double>(by_time[n - kRateFrames + i].nic.us) * 1e-6;
     const auto measured_hz = config.tx_hz > 0 ? std::optional(config.tx_hz) : transmit_rate_hz(times_s);
     if (!measured_hz) continue;
     line.start({}, grid_rate(*measured_hz), *measured_hz, by_time[0].on_air);
@@ -270,7 +275,10 @@ std::optional<double> FrontEnd::State::measured_by_counter() const {
     std::uint64_t modulus = 0;
     for (const ReceivedFrame& f : held) {
       if (f.time.receiver != r || !counts(f) || n == kRateFrames) continue;
-      frames[n++] = {seconds(f.time.on_air.time_since_epoch()), f.counter->value};
+      const auto time = clocked(f);
+      frames[n++] = {
+          time ? static_cast<double>(time->nic.us) * 1e-6 : seconds(f.time.arrival.time_since_epoch()),
+          f.counter->value};
       modulus = f.counter->modulus;
     }
     if (n < kRateFrames) continue;
@@ -324,7 +332,8 @@ void FrontEnd::State::refresh(std::uint8_t receiver, SteadyTime now) {
   counters.skew_ppm = view.skew_ppm;
   counters.residual_s = view.residual_s;
   counters.lost_air = view.missed;
-  counters.match_ratio = view.heard == 0 ? 0 : static_cast<double>(view.matched) / static_cast<double>(view.heard);
+  counters.match_ratio =
+      view.heard == 0 ? 0 : static_cast<double>(view.matched) / static_cast<double>(view.heard);
   counters.rate_hz = inputs[receiver].rate_hz(now);
   stats.pauses = line.pauses();
   stats.restarts = line.restarts();

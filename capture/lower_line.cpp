@@ -6,7 +6,8 @@
 namespace csipose {
 
 namespace {
-// Under four buckets the slope of minima is worse than the expected one: at 1 s a bucket, 250 us of jitter are 60 ppm.
+// Under four buckets the slope of minima is worse than the expected one: at 1 s a bucket, 250 us of jitter
+// are 60 ppm.
 constexpr std::size_t kMinBucketsForSlope = 4;
 }  // namespace
 

@@ -1,10 +1,11 @@
-// capture/lower_line.h - the straight line under a cloud of delayed points: what a clock says once delays are taken off.
+// capture/lower_line.h - the straight line under a cloud of delayed points: what a clock says once delays are
+// taken off.
 //
-// A packet's arrival is never early, only late: arrival = true time + shortest path + queueing >= 0. So the truth is the
-// lower edge of the cloud, and least squares through all points would follow the queues instead (on 1.2 s of arrivals
-// with rare stalls it errs by 80 to 1,300 ppm). Each bucket of x keeps its lowest point; the slope is the median of all
-// slopes between these (Theil and Sen), which a bucket that saw only late points cannot bend; the line is then let down
-// on the lowest of them.
+// A packet's arrival is never early, only late: arrival = true time + shortest path + queueing >= 0. So the
+// truth is the lower edge of the cloud, and least squares through all points would follow the queues instead
+// (on 1.2 s of arrivals with rare stalls it errs by 80 to 1,300 ppm). Each bucket of x keeps its lowest
+// point; the slope is the median of all slopes between these (Theil and Sen), which a bucket that saw only
+// late points cannot bend; the line is then let down on the lowest of them.
 #pragma once
 
 #include <array>
@@ -20,7 +21,8 @@ class LowerLine {
   struct Config {
     double bucket;           ///< width of a bucket, units of x
     double slope;            ///< expected dy/dx
-    double slope_tolerance;  ///< a fitted slope further off than this part of `slope` is refused and the last one kept
+    double slope_tolerance;  ///< a fitted slope further off than this part of `slope` is refused and the last
+                             ///< one kept
   };
   explicit LowerLine(const Config& config) : config_(config) {}
 
@@ -49,7 +51,8 @@ class LowerLine {
   void let_down();
 
   Config config_;
-  double origin_x_ = 0, origin_y_ = 0;  // keeps differences small enough for a double to hold nanoseconds of days
+  double origin_x_ = 0,
+         origin_y_ = 0;  // keeps differences small enough for a double to hold nanoseconds of days
   double slope_correction_ = 0, intercept_ = 0;
   std::array<Point, kBuckets> points_{};
   std::size_t first_ = 0, count_ = 0;

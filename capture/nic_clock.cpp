@@ -6,9 +6,11 @@ namespace csipose {
 
 namespace {
 constexpr std::int64_t kWrapUs = std::int64_t{1} << 32;
-constexpr std::int64_t kStepUs = 1'000'000;  // further than this from what the arrivals say: the clock was set
-constexpr int kFrozenRecords = 8;            // as many equal timestamps: no clock (the csitool sample always says 4)
-// Both oscillators within +-20 ppm (802.11n-2009, 20.3.21.4); a second collects 300 arrivals to find a short path in.
+constexpr std::int64_t kStepUs =
+    1'000'000;                     // further than this from what the arrivals say: the clock was set
+constexpr int kFrozenRecords = 8;  // as many equal timestamps: no clock (the csitool sample always says 4)
+// Both oscillators within +-20 ppm (802.11n-2009, 20.3.21.4); a second collects 300 arrivals to find a short
+// path in.
 constexpr LowerLine::Config kHostLine{.bucket = 1e6, .slope = 1e3, .slope_tolerance = 40e-6};
 }  // namespace
 

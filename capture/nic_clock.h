@@ -1,9 +1,9 @@
-// capture/nic_clock.h - one receiver's radio clock: 32 bits of microseconds made a line without wraps, and that line
-// laid on the clock of arrivals.
+// capture/nic_clock.h - one receiver's radio clock: 32 bits of microseconds made a line without wraps, and
+// that line laid on the clock of arrivals.
 //
-// Measured on real recordings: the counter wraps every 4294.967296 s; an access point's client jumps back 4 to 7 s now
-// and then, with its access point; some logs hold a constant. So time runs in epochs: after a step the clock starts anew
-// and whoever has built on it must start anew too.
+// Measured on real recordings: the counter wraps every 4294.967296 s; an access point's client jumps back 4
+// to 7 s now and then, with its access point; some logs hold a constant. So time runs in epochs: after a step
+// the clock starts anew and whoever has built on it must start anew too.
 #pragma once
 
 #include <cstdint>
@@ -25,12 +25,13 @@ class NicClock {
   NicClock();
 
   /// Takes one record's timestamp.
-  ///   in_order  the driver's counter says that this record was made after the last one: only then a step back in time
+  ///   in_order  the driver's counter says that this record was made after the last one: only then a step
+  ///   back in time
   ///             is the clock's doing and not a reordered packet's
   Reading read(std::uint32_t timestamp_low, bool in_order, SteadyTime arrival);
 
-  /// When the frame was on the air, by the clock of arrivals and less every delay beyond this receiver's shortest.
-  /// For a reading of the present epoch; without a usable clock the arrival itself is all there is.
+  /// When the frame was on the air, by the clock of arrivals and less every delay beyond this receiver's
+  /// shortest. For a reading of the present epoch; without a usable clock the arrival itself is all there is.
   SteadyTime on_air(const Reading& reading, SteadyTime arrival) const;
 
   /// Of the newest record: one frozen clock spoils the records before it that looked well, too.
@@ -41,9 +42,9 @@ class NicClock {
   void begin_epoch(std::uint32_t timestamp_low);
   std::int64_t step_nearest(std::uint32_t timestamp_low, std::int64_t expected_us) const;
 
-  LowerLine host_ns_;     // arrival against NIC time
+  LowerLine host_ns_;  // arrival against NIC time
   bool started_ = false;
-  bool moved_ = false;    // within this epoch
+  bool moved_ = false;  // within this epoch
   std::uint32_t last_low_ = 0;
   std::int64_t us_ = 0;
   std::uint32_t epoch_ = 0;

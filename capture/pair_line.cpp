@@ -6,12 +6,12 @@
 namespace csipose {
 
 namespace {
-constexpr double kBucketUs = 1e5;           // times PairLine::kBuckets: the last 13 s, in which crystals hold still
-constexpr double kMaxSlope = 80e-6;         // two clocks within 40 ppm each
+constexpr double kBucketUs = 1e5;    // times PairLine::kBuckets: the last 13 s, in which crystals hold still
+constexpr double kMaxSlope = 80e-6;  // two clocks within 40 ppm each
 constexpr std::size_t kMinBucketsForSlope = 4;
-constexpr double kOutlierUs = 1000;         // a pair this far off is no pair: timestamps are good to a microsecond
+constexpr double kOutlierUs = 1000;  // a pair this far off is no pair: timestamps are good to a microsecond
 constexpr int kMaxOutliers = 32;
-constexpr double kResidualMemory = 256;     // pairs
+constexpr double kResidualMemory = 256;  // pairs
 }  // namespace
 
 void PairLine::anchor(std::int64_t nic_us, double axis_us) {

@@ -1,8 +1,8 @@
 // capture/pair_line.h - one receiver's radio clock on the common axis, from frames that both have heard.
 //
-// Channel access delays a frame by tens of microseconds, but by the same for all who hear it: the difference of two
-// receivers' times for one frame is a straight line with residuals of a microsecond, whatever queues the packets stood
-// in later. Pairs are averaged in buckets of time and a line is fitted through these.
+// Channel access delays a frame by tens of microseconds, but by the same for all who hear it: the difference
+// of two receivers' times for one frame is a straight line with residuals of a microsecond, whatever queues
+// the packets stood in later. Pairs are averaged in buckets of time and a line is fitted through these.
 #pragma once
 
 #include <array>
@@ -18,8 +18,8 @@ class PairLine {
   void reset() { anchored_ = false; }
   bool anchored() const { return anchored_; }
 
-  /// Takes a matched pair. One far off the line is left out; many of these in a row mean that the line is wrong: false,
-  /// and it is to be anchored anew.
+  /// Takes a matched pair. One far off the line is left out; many of these in a row mean that the line is
+  /// wrong: false, and it is to be anchored anew.
   [[nodiscard]] bool add(std::int64_t nic_us, double axis_us);
 
   /// Requires anchored().

@@ -122,8 +122,8 @@ std::optional<TxCounter> ReceiverInput::counter_of_held_frame() {
   return std::nullopt;
 }
 
-/// Counts what was lost or doubled between driver and here. Returns the step since the newest: 0 = came before, below
-/// 0 = overtaken on the way.
+/// Counts what was lost or doubled between driver and here. Returns the step since the newest: 0 = came
+/// before, below 0 = overtaken on the way.
 int ReceiverInput::follow_bfee_count(std::uint16_t bfee_count) {
   const auto step = static_cast<std::int16_t>(bfee_count - bfee_count_);
   const bool afresh = !counted_ || step < -kMaxReordered;

@@ -1,8 +1,9 @@
-// capture/receiver_input.h - one receiver's packets to frames: records paired, decoded, timed and made into features.
+// capture/receiver_input.h - one receiver's packets to frames: records paired, decoded, timed and made into
+// features.
 //
-// The driver logs each received 802.11 frame (0xC1) immediately before its CSI (0xBB). A 0xC1 without CSI is followed
-// by another one and dropped; anything between the two parts them.
-// Not here: which frame this is among those of the other receivers (aligner.h, transmit_line.h).
+// The driver logs each received 802.11 frame (0xC1) immediately before its CSI (0xBB). A 0xC1 without CSI is
+// followed by another one and dropped; anything between the two parts them. Not here: which frame this is
+// among those of the other receivers (aligner.h, transmit_line.h).
 #pragma once
 
 #include <array>
@@ -19,10 +20,10 @@
 namespace csipose {
 
 struct ReceivedFrame {
-  Aligner::Frame time;               ///< receiver, clocks
+  Aligner::Frame time;  ///< receiver, clocks
   std::optional<TxCounter> counter;
-  bool repeated = false;             ///< bfee_count came before: counted as a duplicate already
-  Sample sample;                     ///< slot and counter not yet known
+  bool repeated = false;  ///< bfee_count came before: counted as a duplicate already
+  Sample sample;          ///< slot and counter not yet known
 };
 
 /// Events per second, over the last one.
@@ -70,7 +71,7 @@ class ReceiverInput {
   CsiRecord record_;
   std::vector<std::uint8_t> held_;  // a 0xC1 that waits for its CSI; its memory is made once
   bool holding_ = false;
-  bool counted_ = false;            // bfee_count_ is known
+  bool counted_ = false;  // bfee_count_ is known
   std::uint16_t bfee_count_ = 0;
 };
 

@@ -7,18 +7,21 @@
 namespace csipose {
 
 namespace {
-// A frame this far off the line is no jitter: above the stalls of an ordinary host (3 to 25 ms in the made-up but
-// realistic set that we test with) and above half a window, within which a jump of time would still look like motion.
+// A frame this far off the line is no jitter: above the stalls of an ordinary host (3 to 25 ms in the made-up
+// but realistic set that we test with) and above half a window, within which a jump of time would still look
+// like motion.
 constexpr double kMinTolerance_s = 0.030;
 constexpr double kToleranceSlots = 10;
 // A counter that was met so recently may come late from a slow receiver.
 constexpr double kMaxLate_s = 2.0;
-constexpr double kSlotClockBucket_s = 0.1;      // times LowerLine::kBuckets: the tick remembers some 3 s
-constexpr double kSlotClockTolerance = 0.03;    // transmit rates within 2 % of the grid are taken for it
+constexpr double kSlotClockBucket_s = 0.1;    // times LowerLine::kBuckets: the tick remembers some 3 s
+constexpr double kSlotClockTolerance = 0.03;  // transmit rates within 2 % of the grid are taken for it
 constexpr std::uint64_t kLargeCounter = std::uint64_t{1} << 62;
 
 LowerLine::Config slot_clock(double grid_hz, double slots_per_s) {
-  return {.bucket = kSlotClockBucket_s * grid_hz, .slope = 1e9 / slots_per_s, .slope_tolerance = kSlotClockTolerance};
+  return {.bucket = kSlotClockBucket_s * grid_hz,
+          .slope = 1e9 / slots_per_s,
+          .slope_tolerance = kSlotClockTolerance};
 }
 
 /// a - b where a may be any 64 bits that somebody sent.
@@ -90,7 +93,8 @@ SteadyTime TransmitLine::time_of(std::int64_t slot) const {
 }
 
 std::int64_t TransmitLine::first_slot_from(SteadyTime time) const {
-  return static_cast<std::int64_t>(std::ceil(position_at(time)));
+  constexpr double kRounding = 1e-5;  // slots: time_of() is whole nanoseconds
+  return static_cast<std::int64_t>(std::ceil(position_at(time) - kRounding));
 }
 
 double TransmitLine::counter_period_s() const { return slot_ns_.slope() * 1e-9 * grid_hz_ / tx_hz_; }
@@ -101,7 +105,9 @@ double TransmitLine::position_of(std::int64_t counter, const Segment& segment) c
   return static_cast<double>(segment.anchor_slot) + steps * grid_hz_ / tx_hz_;
 }
 
-double TransmitLine::position_at(SteadyTime time) const { return slot_ns_.x_at(static_cast<double>(ns(time))); }
+double TransmitLine::position_at(SteadyTime time) const {
+  return slot_ns_.x_at(static_cast<double>(ns(time)));
+}
 
 double TransmitLine::late_s(std::int64_t counter, const Segment& segment, SteadyTime on_air) const {
   return (static_cast<double>(ns(on_air)) - slot_ns_.y_at(position_of(counter, segment))) * 1e-9;
@@ -113,10 +119,12 @@ std::int64_t TransmitLine::expected(const Segment& segment, SteadyTime on_air) c
 }
 
 /// Of all counters that `raw` may stand for, the one nearest to what the line expects at that time.
-TransmitLine::Candidate TransmitLine::nearest(TxCounter raw, const Segment& segment, SteadyTime on_air) const {
+TransmitLine::Candidate TransmitLine::nearest(TxCounter raw, const Segment& segment,
+                                              SteadyTime on_air) const {
   auto counter = static_cast<std::int64_t>(raw.value + segment.shift);
   if (raw.modulus != 0)
-    counter = congruent_from(expected(segment, on_air) - static_cast<std::int64_t>(raw.modulus / 2), counter, raw.modulus);
+    counter = congruent_from(expected(segment, on_air) - static_cast<std::int64_t>(raw.modulus / 2), counter,
+                             raw.modulus);
   return {counter, late_s(counter, segment, on_air)};
 }
 
@@ -132,8 +140,10 @@ std::optional<std::int64_t> TransmitLine::accept(std::int64_t counter) {
   return counter;
 }
 
-/// Opens a segment whose slots go on by the time that passed. Rounded down: the tick may then be early, never late.
-std::optional<std::int64_t> TransmitLine::resume(std::int64_t counter, std::uint64_t shift, SteadyTime on_air) {
+/// Opens a segment whose slots go on by the time that passed. Rounded down: the tick may then be early, never
+/// late.
+std::optional<std::int64_t> TransmitLine::resume(std::int64_t counter, std::uint64_t shift,
+                                                 SteadyTime on_air) {
   const auto slot = static_cast<std::int64_t>(std::floor(position_at(on_air)));
   before_ = now_;
   now_ = {newest_ + 1, counter, std::max(newest_slot_ + 1, slot), shift};

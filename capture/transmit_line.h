@@ -4,14 +4,17 @@
 //   slot       0  1  2  3  4  . . .  9 10 11
 //             |<-- segment -->|     |<-- segment
 //
-// Counters wrap (65536, 4096, 20,000 ...), transmitters pause and start again from 0, receivers stall, die and come back.
-// Each counter is therefore unwrapped against the one expected at the frame's time on the air, and held against the line:
+// Counters wrap (65536, 4096, 20,000 ...), transmitters pause and start again from 0, receivers stall, die
+// and come back. Each counter is therefore unwrapped against the one expected at the frame's time on the air,
+// and held against the line:
 //   as expected                              it has its place
 //   old, and late                            likewise: the counter says where it belongs
-//   new, and later than expected             the transmitter paused; a segment opens, moved on by the time that passed
-//   anything else                            it contradicts the line. One receiver may be wrong, or the transmitter has
-//                                            started anew: kRestartFrames in a row, with no frame on the line between
-//                                            them, open a segment; those before the last are not placed
+//   new, and later than expected             the transmitter paused; a segment opens, moved on by the time
+//   that passed anything else                            it contradicts the line. One receiver may be wrong,
+//   or the transmitter has
+//                                            started anew: kRestartFrames in a row, with no frame on the line
+//                                            between them, open a segment; those before the last are not
+//                                            placed
 // Not here: where counters come from (tx_counter.h, aligner.h).
 #pragma once
 
@@ -60,9 +63,9 @@ class TransmitLine {
 
  private:
   struct Segment {
-    std::int64_t first_counter = 0;                   // its own from here on
+    std::int64_t first_counter = 0;  // its own from here on
     std::int64_t anchor_counter = 0, anchor_slot = 0;
-    std::uint64_t shift = 0;                          // counter = raw + shift
+    std::uint64_t shift = 0;  // counter = raw + shift
   };
   /// Frames that contradict the line but not each other.
   struct Dissent {

@@ -42,7 +42,8 @@ std::optional<double> transmit_rate_hz(std::span<const double> times_s) {
   const double gap_s = median(std::span(gaps).first(times_s.size() - 1));
   if (!if_possible(1 / gap_s)) return std::nullopt;
   double periods = 0;
-  for (std::size_t i = 1; i < times_s.size(); ++i) periods += std::round((times_s[i] - times_s[i - 1]) / gap_s);
+  for (std::size_t i = 1; i < times_s.size(); ++i)
+    periods += std::round((times_s[i] - times_s[i - 1]) / gap_s);
   return if_possible(periods / (times_s.back() - times_s.front()));
 }
 

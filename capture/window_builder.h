@@ -1,4 +1,5 @@
-// capture/window_builder.h - samples in their slots, windows out: 20 slots of three receivers, filled and masked.
+// capture/window_builder.h - samples in their slots, windows out: 20 slots of three receivers, filled and
+// masked.
 //
 //   slot        80 81 82 83 ... 98 99
 //   receiver 0   x  x  x  x      x  x
@@ -25,8 +26,8 @@ struct Sample {
   std::int64_t counter = 0;
   SteadyTime on_air{};
   bool is_40mhz = false;
-  bool finite = false;                       ///< features hold numbers
-  std::array<float, kAntennas> rssi_dbm{};   ///< per antenna, before the card's gain; NaN where not told
+  bool finite = false;                      ///< features hold numbers
+  std::array<float, kAntennas> rssi_dbm{};  ///< per antenna, before the card's gain; NaN where not told
   Features features{};
 };
 
@@ -34,16 +35,17 @@ class WindowBuilder {
  public:
   struct Config {
     double grid_hz;
-    int max_gap;           ///< slots
+    int max_gap;  ///< slots
     Nanoseconds max_skew;
   };
   explicit WindowBuilder(const Config& config);
 
-  /// Keeps a sample in its slot. false: a newer frame of this slot, or a later slot in its place, was there already.
+  /// Keeps a sample in its slot. false: a newer frame of this slot, or a later slot in its place, was there
+  /// already.
   bool put(std::uint8_t receiver, const Sample& sample);
 
-  /// Fills x, samples, links, reasons, end_slot and the receivers' rssi_dbm, missing_ratio and last_counter (0 unless a
-  /// sample is in the window). The window's other members are not touched.
+  /// Fills x, samples, links, reasons, end_slot and the receivers' rssi_dbm, missing_ratio and last_counter
+  /// (0 unless a sample is in the window). The window's other members are not touched.
   ///   cost  some 20 us, no allocation
   void assemble(std::int64_t end_slot, Window& window) const;
 
