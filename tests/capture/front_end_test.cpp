@@ -122,11 +122,8 @@ TEST(FrontEnd, CountersNearTheEndOf64Bits) {
 TEST(FrontEnd, DuplicatesAndReorderedPacketsChangeNothing) {
   auto packets = make_packets(csip_transmitter(), three_receivers());
   for (std::size_t i = 30; i + 9 < packets.size(); i += 40) {
-    const SteadyTime arrival = packets[i].arrival;
-    std::swap(packets[i], packets[i + 9]);  // three frames on
-    std::swap(packets[i].arrival, packets[i + 9].arrival);
-    packets.insert(packets.begin() + static_cast<std::ptrdiff_t>(i) + 1, packets[i]);
-    ASSERT_EQ(packets[i].arrival, arrival);
+    testing::delay_packet(packets, i, 9);  // three frames on
+    testing::repeat_packet(packets, i);
   }
   FrontEnd front_end({});
   expect_whole(run(front_end, packets), same);
@@ -296,7 +293,8 @@ TEST(FrontEnd, WithoutCountersTimeAligns) {
       for (std::uint8_t r = 0; r < kReceivers; ++r) {
         if (window.samples[t][r] != SampleState::received) continue;
         ++received;
-        if (window.links[3 * r]) ASSERT_EQ(frame_tag(window, t, r), tag(r, slot_of(window, t)));
+        if (!window.links[3 * r]) continue;
+        ASSERT_EQ(frame_tag(window, t, r), tag(r, slot_of(window, t)));
       }
   EXPECT_EQ(received, packets.size());
   EXPECT_NEAR(front_end.stats().receivers[1].skew_ppm - front_end.stats().receivers[0].skew_ppm, -18.1, 1);

@@ -130,6 +130,17 @@ inline std::vector<StoredPacket> make_packets(const MadeUpTransmitter& transmitt
   return packets;
 }
 
+/// Lets a packet be overtaken by the `by` next ones: it arrives with the last of them.
+inline void delay_packet(std::vector<StoredPacket>& packets, std::size_t i, std::size_t by) {
+  packets[i].arrival = packets[i + by].arrival;
+  const auto at = packets.begin() + static_cast<std::ptrdiff_t>(i);
+  std::rotate(at, at + 1, at + static_cast<std::ptrdiff_t>(by) + 1);
+}
+inline void repeat_packet(std::vector<StoredPacket>& packets, std::size_t i) {
+  const StoredPacket copy = packets[i];
+  packets.insert(packets.begin() + static_cast<std::ptrdiff_t>(i), copy);
+}
+
 /// Feeds packets as the loop does in a replay: a window is taken when a packet later than its end by `jitter`
 /// has come, and at the end as long as there are slots that were filled.
 inline std::vector<Window> run(FrontEnd& front_end, const std::vector<StoredPacket>& packets,
