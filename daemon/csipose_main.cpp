@@ -40,8 +40,11 @@ void become_sibling_if_named(int argc, char** argv) {
 }
 
 void add_commands(CLI::App& app) {
-  for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
+  add_watch(app);
+  add_status(app);
+  add_top(app);
   add_config(app);
+  for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
 }
 
 std::vector<std::string> command_names(const CLI::App& app) {

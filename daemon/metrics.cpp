@@ -53,7 +53,6 @@ void histogram(Page& page, const std::string& labels, const LatencyHistogram& h)
   const std::string comma = labels.empty() ? "" : ",";
   for (std::size_t i = 0; i < LatencyHistogram::kEdgesUs.size(); ++i) {
     const std::uint32_t edge_us = LatencyHistogram::kEdgesUs[i];
-    if (edge_us < 1000) continue;  // finer than anybody watches
     page.line("_bucket", labels + comma + label("le", fmt::format("{}", edge_us / 1e6)),
               static_cast<double>(h.at_most(i)));
   }

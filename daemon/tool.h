@@ -37,5 +37,8 @@ std::string nearest_word(const std::string& word, const std::vector<std::string>
 
 // The commands, each in its own file.
 void add_config(CLI::App& app);
+void add_status(CLI::App& app);
+void add_top(CLI::App& app);
+void add_watch(CLI::App& app);
 
 }  // namespace csipose

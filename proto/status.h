@@ -19,14 +19,12 @@ struct NamedCount {
   std::uint64_t count = 0;
 };
 
-/// Durations in fixed buckets: adding is an increment, so that the loop can do it.
+/// Durations in buckets made once: adding is two increments, so that the loop can do it.
 class LatencyHistogram {
  public:
-  /// Upper edges of the buckets, microseconds; one more bucket holds what is longer.
-  static constexpr std::array<std::uint32_t, 32> kEdgesUs = {
-      20,    50,    100,   200,   300,   500,   750,   1000,   1500,   2000,  2500,
-      3000,  4000,  5000,  6000,  8000,  10000, 12000, 15000,  17500,  20000, 25000,
-      30000, 35000, 40000, 45000, 50000, 60000, 75000, 100000, 150000, 250000};
+  /// Upper edges of the buckets that Prometheus gets, microseconds; one more bucket holds what is longer.
+  static constexpr std::array<std::uint32_t, 14> kEdgesUs = {
+      1000, 2500, 5000, 10000, 15000, 20000, 25000, 30000, 40000, 50000, 75000, 100000, 150000, 250000};
 
   void add(std::uint32_t us);
   std::uint64_t count() const { return count_; }
@@ -34,11 +32,18 @@ class LatencyHistogram {
   std::uint32_t max_us() const { return max_us_; }
   /// How many were at most kEdgesUs[edge].
   std::uint64_t at_most(std::size_t edge) const;
-  /// The duration that a share `q` of all stays under, interpolated within its bucket; 0 when empty.
+  /// The duration that a share `q` of all stays under, 3 % exact; 0 when empty.
   double quantile_us(double q) const;
 
  private:
+  /// Quantiles need finer buckets: 32 to an octave, up to a minute.
+  static constexpr std::size_t kFineBuckets = 704;
+  static constexpr std::uint32_t kFineLimitUs = (1U << 26) - 1;
+  static std::size_t fine_bucket(std::uint32_t us);
+  static double fine_begin_us(std::size_t bucket);
+
   std::array<std::uint64_t, kEdgesUs.size() + 1> buckets_{};
+  std::array<std::uint32_t, kFineBuckets> fine_{};
   std::uint64_t count_ = 0, sum_us_ = 0;
   std::uint32_t max_us_ = 0;
 };

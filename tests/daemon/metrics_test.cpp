@@ -31,7 +31,7 @@ TEST(Metrics, SaysWhatTheStatusSays) {
   EXPECT_TRUE(has_line(text, "csiposed_rx_rate_hertz{rx=\"rx2\"} 299.5"));
   EXPECT_TRUE(has_line(text, "csiposed_rx_rssi_dbm{rx=\"rx1\",antenna=\"A\"} NaN"));
   EXPECT_TRUE(has_line(text, "csiposed_stage_duration_seconds_bucket{stage=\"infer\",le=\"0.001\"} 1"));
-  EXPECT_TRUE(has_line(text, "csiposed_stage_duration_seconds_bucket{stage=\"infer\",le=\"0.012\"} 2"));
+  EXPECT_TRUE(has_line(text, "csiposed_stage_duration_seconds_bucket{stage=\"infer\",le=\"0.015\"} 2"));
   EXPECT_TRUE(has_line(text, "csiposed_stage_duration_seconds_bucket{stage=\"infer\",le=\"+Inf\"} 3"));
   EXPECT_TRUE(has_line(text, "csiposed_stage_duration_seconds_sum{stage=\"infer\"} 0.0339"));
   EXPECT_TRUE(has_line(text, "csiposed_stage_duration_seconds_count{stage=\"infer\"} 3"));
