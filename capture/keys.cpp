@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <iterator>
 #include <vector>
 
 #include "capture/file_descriptor.h"
@@ -15,6 +16,7 @@ namespace csipose {
 namespace {
 
 constexpr std::size_t kMaxKeyFile = 256;
+constexpr const char* kKindNames[] = {"live", "replay", "simulated"};  // KeyKind 1, 2, 3
 const std::string kNewKey = "; make a new one with `csipose agent add`";
 
 bool is_receiver_id(const std::string& name) {
@@ -77,9 +79,10 @@ Result<AgentKey, std::string> parse_agent_key(ByteView text) {
     return std::string("it is not one line of `csipose-key 1 KIND ID DIGITS`");
   if (words[1] != "1") return std::string("it has a version that this program does not know");
   AgentKey key;
-  if (words[2] != "live" && words[2] != "simulated")
-    return std::string("its kind is neither `live` nor `simulated`");
-  key.kind = words[2] == "live" ? KeyKind::live : KeyKind::simulated;
+  const auto* kind = std::find(std::begin(kKindNames), std::end(kKindNames), words[2]);
+  if (kind == std::end(kKindNames))
+    return std::string("its kind is none of `live`, `replay` and `simulated`");
+  key.kind = static_cast<KeyKind>(1 + (kind - std::begin(kKindNames)));
   if (!is_receiver_id(words[3])) return std::string("its id is not 1 to 32 of a-z, 0-9, '-' and '_'");
   key.name = words[3];
   if (!parse_secret(words[4], key.secret)) return std::string("its secret is not 64 hexadecimal digits");
@@ -110,7 +113,7 @@ void create_agent_key(const std::string& path, const std::string& name, KeyKind 
   randombytes_buf(secret.data(), secret.size());
   std::array<char, 2 * std::tuple_size<Secret>::value + 1> hex{};
   sodium_bin2hex(hex.data(), hex.size(), secret.data(), secret.size());
-  const std::string line = std::string("csipose-key 1 ") + (kind == KeyKind::live ? "live " : "simulated ") +
+  const std::string line = std::string("csipose-key 1 ") + kKindNames[static_cast<int>(kind) - 1] + " " +
                            name + " " + hex.data() + "\n";
 
   const FileDescriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0400));

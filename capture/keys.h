@@ -2,7 +2,7 @@
 //
 // One line of text, mode 0400, the same file on the receiver's host and beside the daemon:
 //     csipose-key 1 live rx1 <64 hexadecimal digits>
-// The third word is the kind, live or simulated: it decides what the frames say of their source. The fourth
+// The third word is the kind, live, replay or simulated: it decides what the frames say of their source. The fourth
 // is the receiver's id in the configuration. Nothing in the file is ever shown, logged or taken from a
 // command line. C++17-clean.
 #pragma once

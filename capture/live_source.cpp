@@ -40,8 +40,9 @@ LiveSources::LiveSources(std::vector<std::unique_ptr<LiveSource>> sources) : sou
   assert(!sources_.empty());
   for (const auto& source : sources_)
     if (source->kind() != kind())
-      throw SetupError(ExitStatus::bad_config, sources_.front()->describe() + " and " + source->describe() +
-                                                   " do not go together: one is simulated, the other is not");
+      throw SetupError(ExitStatus::bad_config,
+                       sources_.front()->describe() + " and " + source->describe() +
+                           " do not go together: both must be live, both replayed or both simulated");
   for (const auto& source : sources_) fds_.push_back({source->descriptor(), POLLIN, 0});
 }
 

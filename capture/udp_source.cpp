@@ -51,13 +51,16 @@ void set_options(int socket) {
   setsockopt(socket, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
 }
 
+static_assert(static_cast<int>(KeyKind::replay) == static_cast<int>(Source::replay) &&
+              static_cast<int>(KeyKind::simulated) == static_cast<int>(Source::simulated));
+
 Source kind_of(const std::vector<ReceiverDoor::Entry>& agents) {
   for (const auto& agent : agents)
     if (agent.key.kind != agents.front().key.kind)
       throw SetupError(ExitStatus::bad_config,
                        "the keys of " + agents.front().key.name + " and " + agent.key.name +
-                           " are of different kinds: receivers are all live or all simulated");
-  return !agents.empty() && agents.front().key.kind == KeyKind::simulated ? Source::simulated : Source::live;
+                           " are of different kinds: receivers are all live, all replayed or all simulated");
+  return agents.empty() ? Source::live : static_cast<Source>(agents.front().key.kind);
 }
 
 // How long ago the kernel took the datagram in. Its stamp is UTC, which may step meanwhile: not believed

@@ -165,25 +165,15 @@ class Demo {
     }
   }
 
-  /// All begin at one instant, as receivers of one transmitter do.
+  /// A loop plays on the host's clock, so the three are in step as receivers of one transmitter are.
   void start_agents() {
-    const auto start = std::chrono::system_clock::now() + std::chrono::milliseconds(800);
-    const auto start_ns =
-        std::chrono::duration_cast<std::chrono::nanoseconds>(start.time_since_epoch()).count();
     for (int r = 1; r <= 3; ++r) {
-      const std::vector<std::string> arguments = {"--id",
-                                                  fmt::format("rx{}", r),
-                                                  "--key",
-                                                  key(r),
-                                                  "--to",
-                                                  fmt::format("127.0.0.1:{}", port_),
-                                                  "--dat",
-                                                  recordings_[r - 1],
-                                                  "--rate",
-                                                  fmt::format("{}", options_.rate_hz),
-                                                  "--loop",
-                                                  "--start-at",
-                                                  fmt::format("{}", start_ns)};
+      const std::vector<std::string> arguments = {"--id",   fmt::format("rx{}", r),
+                                                  "--key",  key(r),
+                                                  "--to",   fmt::format("127.0.0.1:{}", port_),
+                                                  "--dat",  recordings_[static_cast<std::size_t>(r - 1)],
+                                                  "--rate", fmt::format("{}", options_.rate_hz),
+                                                  "--loop", "--inject-counter"};
       agents_.push_back(std::make_unique<ChildProcess>(sibling_program("csipose-agent"), arguments,
                                                        folder_ / fmt::format("agent{}.log", r)));
     }

@@ -5,12 +5,11 @@
 // the daemon. Whoever owns a socket passes bytes and the time in, and sends what comes out. docs/datagram.md
 // is the page for people; the bytes, all little-endian:
 //
-//   header   "CSU1"  u8 version  u8 kind  u16 agent  u64 session  u64 counter                     24 bytes,
-//   in the clear HELLO    header | nonce 24 | sealed{ AgentTime 24, zero 8 } | tag 16              96 bytes,
-//   agent to daemon WELCOME  header | nonce 24 | sealed{ HELLO's nonce 24, u32 lifetime_s, zero 4 } | tag 96
-//   bytes, daemon to agent DATA     header | sealed{ AgentTime 24, records } | tag                        at
-//   most 1,400 bytes, agent to daemon ACK      header | sealed{ u64 newest counter, u64 datagrams accepted }
-//   | tag              56 bytes, daemon to agent
+//   header   "CSU1"  u8 version  u8 kind  u16 agent  u64 session  u64 counter           24 bytes, in the clear
+//   HELLO    header | nonce 24 | sealed{ AgentTime 24, zero 8 } | tag 16                96 bytes, agent to daemon
+//   WELCOME  header | nonce 24 | sealed{ HELLO's nonce 24, u32 lifetime_s, zero 4 } | tag   96 bytes, daemon to agent
+//   DATA     header | sealed{ AgentTime 24, records } | tag                             at most 1,400 bytes, agent to daemon
+//   ACK      header | sealed{ u64 newest counter, u64 datagrams accepted } | tag        56 bytes, daemon to agent
 //
 // Sealed is XChaCha20-Poly1305 (libsodium) with the header as associated data. HELLO and WELCOME use their
 // random nonces; DATA and ACK use agent | session | counter | zeros, which never repeats under a session's
@@ -41,8 +40,9 @@ inline constexpr std::size_t kHandshakeBytes = kDatagramHeader + kSealNonce + 32
 inline constexpr std::size_t kMaxRecords = kMaxDatagram - kDatagramHeader - kAgentTimeBytes - kSealTag;
 inline constexpr std::size_t kReplayWindow = 1024;  // counters; reordering within it is tolerated
 
-/// What a key may speak for. Fixed when the key is made, mixed into everything derived from it, never sent.
-enum class KeyKind : std::uint8_t { live = 1, simulated = 2 };
+/// What a key may speak for: a receiver's NIC, an agent that plays a recording, a simulator. Fixed when the key is made,
+/// mixed into everything derived from it, never sent. Numbers are those of Source (proto/pose.h).
+enum class KeyKind : std::uint8_t { live = 1, replay = 2, simulated = 3 };
 
 using Secret = std::array<std::uint8_t, 32>;
 using SealNonce = std::array<std::uint8_t, kSealNonce>;

@@ -42,11 +42,13 @@ class Keys : public ::testing::Test {
 TEST_F(Keys, AreReadAsTheyWereMade) {
   create_agent_key(path("a"), "rx1", KeyKind::live);
   create_agent_key(path("b"), "rx-2_b", KeyKind::simulated);
+  create_agent_key(path("c"), "rx3", KeyKind::replay);
   const AgentKey a = load_agent_key(path("a")), b = load_agent_key(path("b"));
   EXPECT_EQ(a.name, "rx1");
   EXPECT_EQ(a.kind, KeyKind::live);
   EXPECT_EQ(b.name, "rx-2_b");
   EXPECT_EQ(b.kind, KeyKind::simulated);
+  EXPECT_EQ(load_agent_key(path("c")).kind, KeyKind::replay);
   EXPECT_NE(a.secret, b.secret);
   struct stat info {};
   ASSERT_EQ(stat(path("a").c_str(), &info), 0);
