@@ -45,6 +45,7 @@ void add_commands(CLI::App& app) {
   add_top(app);
   add_config(app);
   for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
+  add_model(app);
 }
 
 std::vector<std::string> command_names(const CLI::App& app) {

@@ -40,5 +40,6 @@ void add_config(CLI::App& app);
 void add_status(CLI::App& app);
 void add_top(CLI::App& app);
 void add_watch(CLI::App& app);
+void add_model(CLI::App& app);
 
 }  // namespace csipose

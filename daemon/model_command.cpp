@@ -1,0 +1,146 @@
+// `csipose model init|show|verify`: weights files.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "daemon/tool.h"
+#include "model/model.h"
+
+namespace csipose {
+namespace {
+
+using nlohmann::ordered_json;
+
+struct InitOptions {
+  std::string preset, out;
+  std::uint64_t seed = 0;
+  bool parity = false, random_heads = false, force = false;
+};
+
+void init(const InitOptions& options) {
+  if (!options.force && std::filesystem::exists(options.out))
+    throw SetupError(
+        ExitStatus::cannot_create,
+        fmt::format("{} is there already and could be a trained model; name another file, or say --force to "
+                    "replace it",
+                    options.out));
+  NetworkConfig config = preset_config(options.preset);
+  config.identity_conditioning = !options.parity;
+  const auto heads = options.random_heads ? HeadInit::random : HeadInit::zero;
+  write_file_atomically(options.out, random_weights(config, options.seed, heads));
+  if (tool_options().quiet) return;
+  fmt::print("{}: preset {}, {:.2f} M parameters, seed {}, UNTRAINED\n", options.out, config.preset,
+             static_cast<double>(parameter_count(config)) / 1e6, options.seed);
+  if (!options.random_heads)
+    fmt::print(stderr, "It finds nobody until it is trained: the layers that place joints start at zero.\n");
+}
+
+ordered_json calibration_of(const Model& model) {
+  const Calibration& from = model.calibration();
+  ordered_json out;
+  out["score"] = from.score ? ordered_json{{"a", from.score->a}, {"b", from.score->b}} : ordered_json();
+  out["joint_scale"] = from.joint_scale ? ordered_json(*from.joint_scale) : ordered_json();
+  out["confidence_knots"] = from.confidence ? kConfidenceKnots : 0;
+  out["int8_layers"] = from.int8_input_max.size();
+  for (const auto& [precision, figures] : model.gate())
+    out["gate"][precision] = {{"mean_joint_shift_m", figures.mean_joint_shift_m},
+                              {"max_joint_shift_m", figures.max_joint_shift_m},
+                              {"windows", figures.windows}};
+  return out;
+}
+
+ordered_json description_of(const Model& model) {
+  const Provenance& from = model.provenance();
+  const WindowDemand& demand = model.demand();
+  const Normalisation& norm = model.normalisation();
+  ordered_json out;
+  out["file"] = model.file_name();
+  out["sha256"] = model.digest();
+  out["untrained"] = model.untrained();
+  out["preset"] = model.config().preset;
+  out["config"] = ordered_json::parse(to_json(model.config()));
+  out["parameters"] = parameter_count(model.config());
+  out["stage"] = from.stage;
+  out["step"] = from.step;
+  out["seed"] = from.seed;
+  out["git"] = from.git;
+  out["corpus"] = from.corpus;
+  out["metrics"] = ordered_json::parse(from.metrics);
+  out["window"] = {{"rate_hz", demand.rate_hz},
+                   {"phase", demand.phase},
+                   {"amplitude", demand.amplitude},
+                   {"min_links", demand.min_links}};
+  out["norm"] = {{"amp_mean", norm.amp_mean}, {"amp_std", norm.amp_std}, {"ph_std", norm.ph_std}};
+  out["model_to_room"] = model.model_to_room();
+  out["calibration"] = calibration_of(model);
+  return out;
+}
+
+/// One line per fact; what is nested stays JSON.
+void show_as_text(const ordered_json& description) {
+  for (const auto& [key, value] : description.items())
+    fmt::print("{:<14} {}\n", key, value.is_string() ? value.get<std::string>() : value.dump());
+  if (description["untrained"])
+    fmt::print("\nUNTRAINED: the numbers are random; whatever it says of people means nothing.\n");
+}
+
+void show(const std::string& file) {
+  const ordered_json description = description_of(*Model::load(file));
+  if (tool_options().json)
+    fmt::print("{}\n", description.dump());
+  else
+    show_as_text(description);
+}
+
+void verify(const std::string& file, const std::string& sha256) {
+  const auto model = Model::load(file);
+  if (!sha256.empty() && sha256 != model->digest())
+    throw SetupError(
+        ExitStatus::bad_data,
+        fmt::format("{} has the SHA-256 {}, not the {} that was asked for: it is whole, but another model",
+                    file, model->digest(), sha256));
+  if (tool_options().json)
+    fmt::print(
+        "{}\n",
+        ordered_json{{"file", file}, {"sha256", model->digest()}, {"untrained", model->untrained()}}.dump());
+  else if (!tool_options().quiet)
+    fmt::print("{}: whole; every tensor fits preset {}; sha256 {}{}\n", file, model->config().preset,
+               model->digest(), model->untrained() ? "; UNTRAINED" : "");
+}
+
+void add_init(CLI::App& model) {
+  CLI::App* command = model.add_subcommand("init", "write random weights, marked UNTRAINED");
+  auto options = std::make_shared<InitOptions>();
+  command->add_option("--preset", options->preset, fmt::format("{}", fmt::join(preset_names(), ", ")))
+      ->required();
+  command->add_option("--out", options->out, "file to write")->required()->type_name("FILE");
+  command->add_option("--seed", options->seed, "same seed, same file");
+  command->add_flag("--parity", options->parity, "as published: refinement does not know whom it refines");
+  command->add_flag(
+      "--random-heads", options->random_heads,
+      "random numbers also where training starts at zero: for timing and for comparing engines");
+  command->add_flag("--force", options->force, "replace a file that is there");
+  command->callback([options] { init(*options); });
+}
+
+}  // namespace
+
+void add_model(CLI::App& app) {
+  CLI::App* model = app.add_subcommand("model", "weights files: init, show, verify");
+  model->require_subcommand(1);
+  add_init(*model);
+  auto file = std::make_shared<std::string>();
+  auto sha256 = std::make_shared<std::string>();
+  CLI::App* show_command = model->add_subcommand("show", "what a weights file says of itself");
+  show_command->add_option("file", *file, "a .safetensors file")->required();
+  show_command->callback([file] { show(*file); });
+  CLI::App* verify_command =
+      model->add_subcommand("verify", "check every byte and every tensor of a weights file");
+  verify_command->add_option("file", *file, "a .safetensors file")->required();
+  verify_command->add_option("--sha256", *sha256, "digest that the file must have")->type_name("HEX");
+  verify_command->callback([file, sha256] { verify(*file, *sha256); });
+}
+
+}  // namespace csipose
