@@ -24,10 +24,6 @@ bool starts_with(std::string_view text, std::string_view prefix) {
   return text.substr(0, prefix.size()) == prefix;
 }
 
-bool is_float(DType dtype) {
-  return dtype == DType::f32 || dtype == DType::f16 || dtype == DType::bf16 || dtype == DType::f64;
-}
-
 /// joint_of[i] = the project's joint that stands at place i of the file.
 using JointOrder = std::array<std::size_t, kJoints>;
 
@@ -112,7 +108,7 @@ class ModelReader {
     if (view->shape != shape && !scalar)
       refuse(fmt::format("tensor '{}' has shape {}, its configuration demands {}", name,
                          shape_text(view->shape), shape_text(shape)));
-    if (!is_float(view->dtype))
+    if (!is_floating_point(view->dtype))
       refuse(fmt::format("tensor '{}' is {}, no floating point", name, name_of(view->dtype)));
     Tensor read{shape, to_floats(*view)};
     for (const float value : read.data)

@@ -228,11 +228,8 @@ float number_at(const TensorView& tensor, std::size_t i) {
       return static_cast<float>(bit_cast<double>(load_le<std::uint64_t>(p)));
     case DType::bf16:
       return bit_cast<float>(std::uint32_t{load_le<std::uint16_t>(p)} << 16);
-    case DType::f16:
-      return from_f16(load_le<std::uint16_t>(p));
     default:
-      assert(!"only floating-point tensors have floats");
-      return 0;
+      return from_f16(load_le<std::uint16_t>(p));
   }
 }
 
@@ -307,11 +304,15 @@ json header_of(const std::map<std::string, std::string>& metadata, const std::ve
 
 std::string_view name_of(DType dtype) { return kDTypes[static_cast<std::size_t>(dtype)].name; }
 std::size_t size_of(DType dtype) { return kDTypes[static_cast<std::size_t>(dtype)].size; }
+bool is_floating_point(DType dtype) {
+  return dtype == DType::f64 || dtype == DType::f32 || dtype == DType::f16 || dtype == DType::bf16;
+}
 std::string shape_text(const std::vector<std::size_t>& shape) {
   return fmt::format("[{}]", fmt::join(shape, ", "));
 }
 
 std::vector<float> to_floats(const TensorView& tensor) {
+  assert(is_floating_point(tensor.dtype));
   std::vector<float> numbers(tensor.elements());
   for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = number_at(tensor, i);
   return numbers;

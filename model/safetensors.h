@@ -24,6 +24,7 @@ enum class DType : std::uint8_t { f64, f32, f16, bf16, i64, i32, i16, i8, u64, u
 /// "F32", as the header spells it.
 std::string_view name_of(DType dtype);
 std::size_t size_of(DType dtype);
+bool is_floating_point(DType dtype);
 
 struct TensorView {
   std::string name;
@@ -34,7 +35,8 @@ struct TensorView {
   std::size_t elements() const { return bytes.size() / size_of(dtype); }
 };
 
-/// Numbers as float32; the tensor must be F32, F16, BF16 or F64 (assert). F64 rounds to nearest.
+/// Numbers as float32; the tensor must be F32, F16, BF16 or F64
+/// (assert). F64 rounds to nearest.
 std::vector<float> to_floats(const TensorView& tensor);
 /// "[64, 60, 1, 1]", as errors and listings show a shape.
 std::string shape_text(const std::vector<std::size_t>& shape);

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "proto/npy.h"
 #include "proto/result.h"
 #include "tests/shared_data.h"
 
@@ -78,6 +79,19 @@ TEST(Safetensors, GoldenFileHasTheArraysBesideIt) {
         std::memcmp(npy.data() + npy.size() - tensor.bytes.size(), tensor.bytes.data(), tensor.bytes.size()),
         0)
         << tensor.name;
+  }
+}
+
+TEST(Safetensors, GoldenWeightsHaveTheArraysBesideThem) {
+  CSIPOSE_NEEDS_SHARED_DATA();
+  const SafetensorsFile file =
+      SafetensorsFile::read(testing::shared_data("model/vit_tiny/weights.safetensors"));
+  ASSERT_EQ(file.tensors().size(), 28u);
+  for (const TensorView& tensor : file.tensors()) {
+    const auto array =
+        read_npy<float>(testing::shared_data("model/vit_tiny/weights_npy/" + tensor.name + ".npy"));
+    EXPECT_EQ(array.shape, tensor.shape) << tensor.name;
+    EXPECT_EQ(array.data, to_floats(tensor)) << tensor.name;
   }
 }
 
