@@ -46,6 +46,7 @@ void add_commands(CLI::App& app) {
   add_config(app);
   for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
   add_model(app);
+  add_infer(app);
 }
 
 std::vector<std::string> command_names(const CLI::App& app) {

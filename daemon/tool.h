@@ -41,5 +41,6 @@ void add_status(CLI::App& app);
 void add_top(CLI::App& app);
 void add_watch(CLI::App& app);
 void add_model(CLI::App& app);
+void add_infer(CLI::App& app);
 
 }  // namespace csipose
