@@ -1,0 +1,72 @@
+// csipose-sim solve: the channel of one stated scene, for whoever wants to check our physics.
+#include <fmt/core.h>
+
+#include <CLI/CLI.hpp>
+#include <memory>
+
+#include "proto/npy.h"
+#include "proto/result.h"
+#include "sim/atomic_file.h"
+#include "sim/commands.h"
+#include "sim/reference_solver.h"
+#include "sim/scene_file.h"
+
+namespace csipose::sim {
+namespace {
+
+struct SolveOptions {
+  std::filesystem::path scene, out, paths;
+};
+
+std::string json_line(const Path& path, int snapshot, std::size_t receiver, std::size_t antenna) {
+  std::string walls;
+  for (const Wall wall : path.walls)
+    walls += fmt::format("{}\"{}\"", walls.empty() ? "" : ",", kWallNames[static_cast<std::size_t>(wall)]);
+  const std::string kind =
+      path.body < 0
+          ? fmt::format(R"("type":"wall","idx":[{},{},{}],"walls":[{}])", path.image.x, path.image.y,
+                        path.image.z, walls)
+          : fmt::format(R"("type":"body","body":{},"pair":[{},{}],"face":{})", path.body, path.wall_before,
+                        path.wall_after, path.face == kWholeSurface ? "null" : std::to_string(path.face));
+  return fmt::format(
+      R"({{"snapshot":{},"rx":{},"ant":{},{},"len":{:.12g},"a":[{:.9g},{:.9g}],"F":[{:.9g},{:.9g}]}})"
+      "\n",
+      snapshot, receiver, antenna, kind, path.length_m, path.amplitude.real(), path.amplitude.imag(),
+      path.shadow.real(), path.shadow.imag());
+}
+
+void write_paths(const Scene& scene, const std::filesystem::path& file) {
+  AtomicFile out(file);
+  for (int m = 0; m < scene.snapshots; ++m)
+    for (std::size_t r = 0; r < scene.receivers.size(); ++r)
+      for (std::size_t a = 0; a < scene.receivers[r].size(); ++a)
+        for (const Path& path : reference_paths(scene, scene.receivers[r][a], m * scene.step_s))
+          out.write(json_line(path, m, r, a));
+  out.commit();
+}
+
+void solve(const SolveOptions& options) {
+  const Scene scene = read_scene(options.scene);
+  const auto h = solve_reference(scene);
+  const NpyShape row{scene.tones.size(), scene.receivers.size(), scene.receivers[0].size()};
+  NpyWriter<std::complex<double>> out(options.out, row);
+  out.append(h);
+  out.finish();
+  if (!options.paths.empty()) write_paths(scene, options.paths);
+  fmt::print("{}: {} snapshots x {} subcarriers x {} receivers x {} antennas\n", options.out.string(),
+             scene.snapshots, row[0], row[1], row[2]);
+}
+
+}  // namespace
+
+void add_solve(CLI::App& app) {
+  auto options = std::make_shared<SolveOptions>();
+  CLI::App* command = app.add_subcommand(
+      "solve", "one stated scene in, its channel H[snapshot][subcarrier][rx][antenna] out");
+  command->add_option("scene", options->scene, "scene as JSON: docs/simulator-scene.md")->required();
+  command->add_option("--out", options->out, "NumPy file to write, complex128")->required();
+  command->add_option("--paths", options->paths, "also write every path, one JSON line each, to this file");
+  command->callback([options] { solve(*options); });
+}
+
+}  // namespace csipose::sim

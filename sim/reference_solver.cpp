@@ -1,0 +1,159 @@
+#include "sim/reference_solver.h"
+
+#include <cmath>
+#include <numbers>
+#include <optional>
+
+#include "proto/intel5300.h"
+#include "sim/shadow.h"
+
+namespace csipose::sim {
+namespace {
+constexpr double kPi = std::numbers::pi;
+
+double free_space(const Scene& scene) { return scene.wavelength_m() / (4 * kPi); }
+
+/// Product over all bodies, but for `own` where it touches the leg.
+std::complex<double> shadow_of(const std::vector<Body>& bodies, const Leg& leg, int own,
+                               double wavelength_m) {
+  std::complex<double> factor = 1;
+  for (std::size_t b = 0; b < bodies.size(); ++b)
+    if (static_cast<int>(b) != own) factor *= shadow_factor(bodies[b], leg, wavelength_m);
+  return factor;
+}
+
+void add_wall_paths(const Scene& scene, const std::vector<Body>& bodies, const Antenna& rx,
+                    std::vector<Path>& out) {
+  const double lambda_m = scene.wavelength_m();
+  for (const WallPath& way :
+       wall_paths(scene.room, scene.transmitter.position, rx.position, scene.walls ? scene.wall_order : 0)) {
+    Path path;
+    path.length_m = way.length_m;
+    path.image = way.index;
+    path.walls = way.walls;
+    path.amplitude =
+        free_space(scene) / way.length_m *
+        field_gain(scene.transmitter, rx, way.points, bounces_of(scene.room, way.walls), lambda_m);
+    double before_m = 0;
+    for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
+      path.shadow *=
+          shadow_of(bodies, {way.points[i], way.points[i + 1], before_m, way.length_m}, -1, lambda_m);
+      before_m += glm::distance(way.points[i], way.points[i + 1]);
+    }
+    out.push_back(path);
+  }
+}
+
+/// Which wall, if any, lies between an antenna and a body.
+using OptionalWall = std::optional<Wall>;
+
+struct Pair {
+  OptionalWall before, after;
+};
+
+std::vector<Pair> pairs_of(const Scene& scene) {
+  std::vector<Pair> pairs{{}};
+  if (!scene.walls || scene.pairs == 1) return pairs;
+  for (std::size_t w = 0; w < kWalls; ++w) pairs.push_back({static_cast<Wall>(w), {}});
+  for (std::size_t w = 0; w < kWalls; ++w) pairs.push_back({{}, static_cast<Wall>(w)});
+  for (std::size_t i = 0; scene.pairs == 49 && i < kWalls * kWalls; ++i)
+    pairs.push_back({static_cast<Wall>(i / kWalls), static_cast<Wall>(i % kWalls)});
+  return pairs;
+}
+
+/// Shadows of the leg or two legs between `from` and `to`; `own` does not shadow the leg that touches it.
+std::complex<double> shadow_between(const std::vector<Body>& bodies, const Vec3& from,
+                                    const std::optional<Vec3>& bend, const Vec3& to, double before_m,
+                                    double total_m, int own, bool own_at_end, double lambda_m) {
+  if (!bend) return shadow_of(bodies, {from, to, before_m, total_m}, own, lambda_m);
+  const double middle_m = before_m + glm::distance(from, *bend);
+  return shadow_of(bodies, {from, *bend, before_m, total_m}, own_at_end ? -1 : own, lambda_m) *
+         shadow_of(bodies, {*bend, to, middle_m, total_m}, own_at_end ? own : -1, lambda_m);
+}
+
+Path body_path(const Scene& scene, const std::vector<Body>& bodies, int own, const Pair& pair,
+               const Reflection& r, const Vec3& source, const Vec3& sink, const Antenna& rx) {
+  const Vec3& tx = scene.transmitter.position;
+  const double lambda_m = scene.wavelength_m();
+  std::vector<Vec3> points{tx};
+  std::vector<Bounce> bounces;
+  std::optional<Vec3> bend_before, bend_after;
+  if (pair.before) {
+    points.push_back(*(bend_before = crossing(scene.room, *pair.before, source, r.point)));
+    bounces.push_back({inward_normal(*pair.before), scene.room.surface(*pair.before)});
+  }
+  points.push_back(r.point);
+  bounces.push_back({r.normal, bodies[static_cast<std::size_t>(own)].surface});
+  if (pair.after) {
+    points.push_back(*(bend_after = crossing(scene.room, *pair.after, r.point, sink)));
+    bounces.push_back({inward_normal(*pair.after), scene.room.surface(*pair.after)});
+  }
+  points.push_back(rx.position);
+
+  Path path;
+  path.length_m = r.s1_m + r.s2_m;
+  path.amplitude =
+      free_space(scene) * r.spreading * field_gain(scene.transmitter, rx, points, bounces, lambda_m);
+  path.shadow = shadow_between(bodies, tx, bend_before, r.point, 0, r.s1_m, own, true, lambda_m) *
+                shadow_between(bodies, r.point, bend_after, rx.position, r.caustic_m, r.caustic_m + r.s2_m,
+                               own, false, lambda_m);
+  path.body = own;
+  path.face = r.face;
+  if (pair.before) path.wall_before = static_cast<int>(*pair.before);
+  if (pair.after) path.wall_after = static_cast<int>(*pair.after);
+  return path;
+}
+
+void add_body_paths(const Scene& scene, const std::vector<Body>& bodies, const Antenna& rx,
+                    std::vector<Path>& out) {
+  for (std::size_t b = 0; b < bodies.size(); ++b)
+    for (const Pair& pair : pairs_of(scene)) {
+      const Vec3& tx = scene.transmitter.position;
+      const Vec3 source = pair.before ? mirrored_in(scene.room, *pair.before, tx) : tx;
+      const Vec3 sink = pair.after ? mirrored_in(scene.room, *pair.after, rx.position) : rx.position;
+      for (const Reflection& r : reflections(bodies[b], source, sink, scene.wavelength_m()))
+        out.push_back(body_path(scene, bodies, static_cast<int>(b), pair, r, source, sink, rx));
+    }
+}
+
+}  // namespace
+
+std::vector<double> intel5300_tones(bool is_40mhz) {
+  const auto& indices = subcarrier_indices(is_40mhz);
+  return {indices.begin(), indices.end()};
+}
+
+std::vector<Path> reference_paths(const Scene& scene, const Antenna& rx, double t_s) {
+  std::vector<Body> bodies;
+  for (const MovingBody& body : scene.bodies) bodies.push_back(body.at(t_s));
+  std::vector<Path> paths;
+  add_wall_paths(scene, bodies, rx, paths);
+  add_body_paths(scene, bodies, rx, paths);
+  return paths;
+}
+
+std::complex<double> transfer(const std::vector<Path>& paths, double frequency_hz) {
+  std::complex<double> sum = 0;
+  for (const Path& path : paths)
+    sum += path.amplitude * path.shadow *
+           std::polar(1.0, -2 * kPi * std::fmod(frequency_hz / kSpeedOfLight_m_s * path.length_m, 1.0));
+  return sum;
+}
+
+std::vector<std::complex<double>> solve_reference(const Scene& scene) {
+  const std::size_t receivers = scene.receivers.size(), antennas = scene.receivers[0].size(),
+                    tones = scene.tones.size();
+  std::vector<std::complex<double>> h(static_cast<std::size_t>(scene.snapshots) * tones * receivers *
+                                      antennas);
+  for (int m = 0; m < scene.snapshots; ++m)
+    for (std::size_t r = 0; r < receivers; ++r)
+      for (std::size_t a = 0; a < antennas; ++a) {
+        const auto paths = reference_paths(scene, scene.receivers[r][a], m * scene.step_s);
+        for (std::size_t k = 0; k < tones; ++k)
+          h[((static_cast<std::size_t>(m) * tones + k) * receivers + r) * antennas + a] =
+              transfer(paths, scene.carrier_hz + scene.tones[k] * kToneSpacing_hz);
+      }
+  return h;
+}
+
+}  // namespace csipose::sim

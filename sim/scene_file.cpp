@@ -1,0 +1,259 @@
+#include "sim/scene_file.h"
+
+#include <fmt/core.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <glm/gtc/quaternion.hpp>
+#include <nlohmann/json.hpp>
+
+#include "proto/result.h"
+#include "sim/material.h"
+
+namespace csipose::sim {
+namespace {
+using nlohmann::json;
+
+/// A place in the file: knows its name for messages.
+class Node {
+ public:
+  Node(const json& value, std::string file, std::string path)
+      : value_(value), file_(std::move(file)), path_(std::move(path)) {}
+
+  [[noreturn]] void refuse(const std::string& why) const {
+    throw SetupError(ExitStatus::bad_data,
+                     fmt::format("{}: {}: {}", file_, path_.empty() ? "the scene" : path_, why));
+  }
+  void allow_only(std::initializer_list<const char*> keys) const {
+    if (!value_.is_object()) refuse("must be an object { ... }");
+    for (const auto& item : value_.items())
+      if (std::find(keys.begin(), keys.end(), item.key()) == keys.end())
+        refuse(fmt::format("has no key '{}'; it may have {}", item.key(), fmt::join(keys, ", ")));
+  }
+  bool has(const char* key) const { return value_.contains(key); }
+  Node at(const char* key) const {
+    if (!has(key)) refuse(fmt::format("lacks '{}'", key));
+    return {value_[key], file_, path_.empty() ? key : path_ + "." + key};
+  }
+  std::vector<Node> list() const {
+    if (!value_.is_array()) refuse("must be a list [ ... ]");
+    std::vector<Node> nodes;
+    for (std::size_t i = 0; i < value_.size(); ++i)
+      nodes.emplace_back(value_[i], file_, fmt::format("{}[{}]", path_, i));
+    return nodes;
+  }
+  double number() const {
+    if (!value_.is_number() || !std::isfinite(value_.get<double>())) refuse("must be a number");
+    return value_.get<double>();
+  }
+  double number_in(double low, double high) const {
+    const double x = number();
+    if (x < low || x > high) refuse(fmt::format("is {}; it must lie in {} .. {}", x, low, high));
+    return x;
+  }
+  int integer_in(int low, int high) const {
+    if (!value_.is_number_integer()) refuse("must be a whole number");
+    return static_cast<int>(number_in(low, high));
+  }
+  std::string text() const {
+    if (!value_.is_string()) refuse("must be a name in quotes");
+    return value_.get<std::string>();
+  }
+  Vec3 vec3() const {
+    const auto items = list();
+    if (items.size() != 3) refuse("must have three numbers");
+    return {items[0].number(), items[1].number(), items[2].number()};
+  }
+  Vec3 direction() const {
+    const Vec3 v = vec3();
+    if (glm::length(v) < 1e-9) refuse("must not be zero: it is a direction");
+    return glm::normalize(v);
+  }
+
+ private:
+  const json& value_;
+  std::string file_, path_;
+};
+
+const Material& material_at(const Node& node) {
+  const std::string name = node.text();
+  if (const Material* found = find_material(name)) return *found;
+  std::vector<std::string_view> known;
+  for (const Material& material : materials()) known.push_back(material.name);
+  node.refuse(fmt::format("there is no material '{}'; there are {}", name, fmt::join(known, ", ")));
+}
+
+Surface wall_at(const Node& node, double carrier_hz) {
+  node.allow_only({"name", "thickness"});
+  const Material& material = material_at(node.at("name"));
+  const double thickness_m = node.has("thickness") ? node.at("thickness").number_in(0, 10) : material.slab_m;
+  return {material.permittivity(carrier_hz), thickness_m};
+}
+
+void read_room(const Node& root, Scene& scene) {
+  scene.walls = root.has("L");
+  if (!scene.walls) {
+    if (root.has("materials")) root.refuse("has materials of walls but no room size 'L'");
+    return;
+  }
+  scene.room.size_m = root.at("L").vec3();
+  if (glm::any(glm::lessThan(scene.room.size_m, Vec3{0.1})))
+    root.at("L").refuse("each side must be at least 0.1 m");
+  const Node walls = root.at("materials");
+  walls.allow_only({"x0", "x1", "y0", "y1", "z0", "z1"});
+  for (std::size_t w = 0; w < kWalls; ++w)
+    scene.room.walls[w] = wall_at(walls.at(std::string(kWallNames[w]).c_str()), scene.carrier_hz);
+}
+
+/// `margin_m`: how far the thing at `p` reaches.
+void check_inside(const Node& node, const Scene& scene, const Vec3& p, const Vec3& margin_m,
+                  const char* what) {
+  if (!scene.walls) return;
+  if (glm::any(glm::lessThan(p, margin_m)) || glm::any(glm::greaterThan(p, scene.room.size_m - margin_m)))
+    node.refuse(fmt::format("{} at ({:.3f}, {:.3f}, {:.3f}) is not inside the room of {} x {} x {} m", what,
+                            p.x, p.y, p.z, scene.room.size_m.x, scene.room.size_m.y, scene.room.size_m.z));
+}
+
+void read_antennas(const Node& root, Scene& scene) {
+  const std::string pattern_name = root.has("pattern") ? root.at("pattern").text() : "hw_dipole";
+  const auto pattern = find_pattern(pattern_name);
+  if (!pattern)
+    root.at("pattern").refuse(
+        fmt::format("there is no pattern '{}'; there are iso, dipole, hw_dipole", pattern_name));
+  const double spacing_m =
+      root.has("spacing") ? root.at("spacing").number_in(0, 1) : scene.wavelength_m() / 2;
+  const int antennas =
+      root.has("antennas") ? root.at("antennas").integer_in(1, 64) : static_cast<int>(kAntennas);
+  const Vec3 tx_axis = root.has("tx_axis") ? root.at("tx_axis").direction() : Vec3{0, 0, 1};
+  scene.transmitter = {root.at("tx").vec3(), tx_axis, *pattern};
+  check_inside(root.at("tx"), scene, scene.transmitter.position, Vec3{1e-6}, "the transmitter");
+  for (const Node& rx : root.at("rx").list()) {
+    rx.allow_only({"center", "axis"});
+    const Vec3 centre = rx.at("center").vec3(), along = antennas > 1 ? rx.at("axis").direction() : Vec3{0};
+    scene.receivers.emplace_back();
+    for (int a = 0; a < antennas; ++a) {
+      const Vec3 position = centre + (a - (antennas - 1) / 2.0) * spacing_m * along;
+      check_inside(rx, scene, position, Vec3{1e-6}, "an antenna");
+      scene.receivers.back().push_back({position, {0, 0, 1}, *pattern});
+    }
+  }
+  if (scene.receivers.empty()) root.at("rx").refuse("needs at least one receiver");
+}
+
+/// Unit quaternion x, y, z, w; need not be normalised in the file.
+Mat3 rotation_at(const Node& node) {
+  const auto q = node.list();
+  if (q.size() != 4) node.refuse("must have four numbers x, y, z, w");
+  const glm::dquat quaternion(q[3].number(), q[0].number(), q[1].number(), q[2].number());
+  if (glm::length(quaternion) < 1e-9) node.refuse("must not be zero: it is a rotation");
+  return glm::mat3_cast(glm::normalize(quaternion));
+}
+
+void read_shape(const Node& node, Body& body) {
+  const std::string kind = node.at("kind").text();
+  const auto metres = [&](const char* key) { return node.at(key).number_in(0.005, 20); };
+  const auto three_metres = [&](const char* key) {
+    const Vec3 half = node.at(key).vec3();
+    if (glm::any(glm::lessThan(half, Vec3{0.005}))) node.at(key).refuse("each must be at least 0.005 m");
+    return half;
+  };
+  if (kind == "sphere") {
+    node.allow_only({"kind", "c", "r", "q", "mat", "v"});
+    body.half_m = Vec3{metres("r")};
+  } else if (kind == "ellipsoid") {
+    node.allow_only({"kind", "c", "axes", "q", "mat", "v"});
+    body.half_m = three_metres("axes");
+  } else if (kind == "box") {
+    node.allow_only({"kind", "c", "h", "q", "mat", "v"});
+    body.shape = Shape::box;
+    body.half_m = three_metres("h");
+  } else if (kind == "cylinder") {
+    node.allow_only({"kind", "c", "r", "hh", "q", "mat", "v"});
+    body.shape = Shape::cylinder;
+    body.half_m = {metres("r"), metres("r"), metres("hh")};
+  } else {
+    node.at("kind").refuse(
+        fmt::format("there is no kind '{}'; there are sphere, ellipsoid, box, cylinder", kind));
+  }
+}
+
+void read_body(const Node& node, Scene& scene) {
+  MovingBody moving;
+  Body& body = moving.start;
+  read_shape(node, body);
+  body.centre = node.at("c").vec3();
+  if (node.has("q")) body.axes = rotation_at(node.at("q"));
+  body.surface = {material_at(node.at("mat")).permittivity(scene.carrier_hz), 0};
+  if (node.has("v")) moving.velocity_m_s = node.at("v").vec3();
+  const Vec3 reach{body.support_m({1, 0, 0}), body.support_m({0, 1, 0}), body.support_m({0, 0, 1})};
+  for (const int snapshot : {0, scene.snapshots - 1})
+    check_inside(node, scene, moving.at(snapshot * scene.step_s).centre, reach,
+                 fmt::format("the body in snapshot {}", snapshot).c_str());
+  scene.bodies.push_back(moving);
+}
+
+void read_tones(const Node& root, Scene& scene) {
+  scene.tones = intel5300_tones();
+  if (!root.has("subcarriers")) return;
+  scene.tones.clear();
+  for (const Node& tone : root.at("subcarriers").list()) scene.tones.push_back(tone.number_in(-1e4, 1e4));
+  if (scene.tones.empty()) root.at("subcarriers").refuse("needs at least one number");
+}
+
+void read_time(const Node& root, Scene& scene) {
+  if (root.has("rate") && root.has("dt")) root.refuse("has both 'rate' and 'dt'; give one");
+  if (root.has("rate")) scene.step_s = 1 / root.at("rate").number_in(0.1, 1e6);
+  if (root.has("dt")) scene.step_s = root.at("dt").number_in(1e-6, 10);
+  scene.snapshots =
+      root.has("snapshots") ? root.at("snapshots").integer_in(1, 100'000) : static_cast<int>(kSamples);
+}
+
+void read_orders(const Node& root, Scene& scene) {
+  if (root.has("order")) scene.wall_order = root.at("order").integer_in(0, 8);
+  if (root.has("pairs") && root.has("object_wall_order"))
+    root.refuse("has both 'pairs' and 'object_wall_order'; give one");
+  if (root.has("object_wall_order")) {
+    constexpr std::array<int, 3> kPairs{1, 13, 49};
+    scene.pairs = kPairs[static_cast<std::size_t>(root.at("object_wall_order").integer_in(0, 2))];
+  }
+  if (root.has("pairs")) {
+    scene.pairs = root.at("pairs").integer_in(1, 49);
+    if (scene.pairs != 1 && scene.pairs != 13 && scene.pairs != 49)
+      root.at("pairs").refuse("must be 1, 13 or 49");
+  }
+}
+
+}  // namespace
+
+Scene parse_scene(std::string_view text, const std::string& file_name) {
+  const json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const Node root(parsed, file_name, "");
+  if (parsed.is_discarded()) root.refuse("is not JSON; look for a missing comma or bracket");
+  root.allow_only({"name", "fc", "dt", "rate", "snapshots", "order", "object_wall_order", "pairs", "pattern",
+                   "spacing", "antennas", "subcarriers", "L", "materials", "tx", "tx_axis", "rx", "bodies",
+                   // results that a scene may carry with it; not read
+                   "rms", "dynamic_rms", "paths_t0_rx0_ant0"});
+  Scene scene;
+  if (root.has("fc")) scene.carrier_hz = root.at("fc").number_in(1e9, 1e11);
+  read_time(root, scene);
+  read_orders(root, scene);
+  read_tones(root, scene);
+  read_room(root, scene);
+  read_antennas(root, scene);
+  if (root.has("bodies"))
+    for (const Node& body : root.at("bodies").list()) read_body(body, scene);
+  return scene;
+}
+
+Scene read_scene(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  if (!in)
+    throw SetupError(ExitStatus::no_input,
+                     fmt::format("cannot read the scene {}; is the name right?", file.string()));
+  return parse_scene(text, file.string());
+}
+
+}  // namespace csipose::sim

@@ -1,0 +1,104 @@
+// csipose-sim as a person runs it: exit status, words, files.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <array>
+#include <complex>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "proto/npy.h"
+
+namespace csipose::sim {
+namespace {
+namespace fs = std::filesystem;
+
+struct Outcome {
+  int status;
+  std::string words;
+};
+Outcome run(const std::string& arguments) {
+  const std::string command = std::string(CSIPOSE_BIN_DIR) + "/csipose-sim " + arguments + " 2>&1";
+  FILE* pipe = popen(command.c_str(), "r");
+  Outcome outcome{-1, {}};
+  std::array<char, 512> buffer;
+  while (const std::size_t got = std::fread(buffer.data(), 1, buffer.size(), pipe))
+    outcome.words.append(buffer.data(), got);
+  outcome.status = WEXITSTATUS(pclose(pipe));
+  return outcome;
+}
+
+std::string bytes(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+class Commands : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string pattern = (fs::temp_directory_path() / "csipose-sim-XXXXXX").string();
+    ASSERT_NE(mkdtemp(pattern.data()), nullptr);
+    folder_ = pattern;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  fs::path folder_;
+};
+
+TEST_F(Commands, WritesThreeLogsTheSameForTheSameSeed) {
+  ASSERT_EQ(run("record --seconds 0.5 --out " + (folder_ / "a").string()).status, 0);
+  ASSERT_EQ(run("record --seconds 0.5 --out " + (folder_ / "b").string()).status, 0);
+  ASSERT_EQ(run("record --seconds 0.5 --seed 2 --out " + (folder_ / "c").string()).status, 0);
+  for (const char* name : {"rx1.dat", "rx2.dat", "rx3.dat"}) {
+    EXPECT_GT(bytes(folder_ / "a" / name).size(), 100 * 215u);
+    EXPECT_EQ(bytes(folder_ / "a" / name), bytes(folder_ / "b" / name));
+    EXPECT_NE(bytes(folder_ / "a" / name), bytes(folder_ / "c" / name));
+  }
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "a"), {}), 3) << "nothing else is left";
+}
+
+TEST_F(Commands, RefusesWithWordsAndAStatus) {
+  const Outcome unknown = run("record --scene palace --out " + folder_.string());
+  EXPECT_EQ(unknown.status, 64);
+  EXPECT_NE(unknown.words.find("palace"), std::string::npos);
+  EXPECT_EQ(run("record").status, 64);
+  EXPECT_EQ(run("record --seconds -1 --out " + folder_.string()).status, 64);
+  EXPECT_EQ(run("record --impair heavy --out " + folder_.string()).status, 64);
+  EXPECT_EQ(run("").status, 64);
+
+  std::ofstream(folder_ / "file") << "x";
+  const Outcome blocked = run("record --seconds 0.1 --out " + (folder_ / "file" / "below").string());
+  EXPECT_EQ(blocked.status, 73);
+  EXPECT_NE(blocked.words.find("file/below"), std::string::npos);
+}
+
+TEST_F(Commands, SolveWritesTheChannelAndEveryPath) {
+  std::ofstream(folder_ / "s.json")
+      << R"({"tx": [0, 0, 1], "rx": [{"center": [3, 0, 1]}], "antennas": 1, "snapshots": 2,
+    "pattern": "iso", "subcarriers": [0], "bodies": [{"kind": "sphere", "c": [1, 2, 1], "r": 0.3, "mat": "metal"}]})";
+  const fs::path h = folder_ / "h.npy", paths = folder_ / "p.jsonl";
+  const Outcome done =
+      run("solve " + (folder_ / "s.json").string() + " --out " + h.string() + " --paths " + paths.string());
+  ASSERT_EQ(done.status, 0) << done.words;
+  EXPECT_EQ(read_npy<std::complex<double>>(h).shape, (NpyShape{2, 1, 1, 1}));
+  const std::string lines = bytes(paths);
+  EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 4);  // two snapshots: direct, and by the ball
+  EXPECT_NE(lines.find(R"("type":"body","body":0,"pair":[-1,-1],"face":null)"), std::string::npos) << lines;
+  EXPECT_EQ(run("solve " + (folder_ / "none.json").string() + " --out " + h.string()).status, 66);
+}
+
+TEST_F(Commands, SaysSoWhenTheDiskIsFull) {
+  if (!fs::exists("/dev/full")) GTEST_SKIP() << "no /dev/full here";
+  fs::create_directories(folder_ / "full");
+  fs::create_symlink("/dev/full", folder_ / "full" / "rx1.dat.part");
+  const Outcome full = run("record --seconds 1 --out " + (folder_ / "full").string());
+  EXPECT_EQ(full.status, 74);
+  EXPECT_NE(full.words.find("rx1.dat"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder_ / "full" / "rx2.dat"));
+}
+
+}  // namespace
+}  // namespace csipose::sim
