@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "capture/dat_file.h"
+#include "proto/recording.h"
 #include "proto/result.h"
 
 namespace csipose {
@@ -146,13 +147,91 @@ class DatReplay final : public PacketSource {
   std::vector<std::uint8_t> scratch_;
 };
 
+class McapReplay final : public PacketSource {
+ public:
+  McapReplay(const ReplayConfig& config, MappedFile file)
+      : path_(config.files[0]), loop_(config.loop), file_(std::move(file)), reader_(open()) {
+    Packet packet;
+    if (!next(packet)) refuse_empty(reader_->stats().mcap.unknown_compression);
+    reader_ = open();
+  }
+
+  SourceEvent poll(Nanoseconds, Packet& packet) override {
+    if (!next(packet)) {
+      if (!loop_) return SourceEvent::closed;
+      begin_again();
+      if (!next(packet)) return SourceEvent::closed;
+    }
+    if (round_packets_[packet.receiver]++ == 0 && first_ == SteadyTime::max()) first_ = packet.arrival;
+    last_ = packet.arrival;
+    packet.arrival += shift_;
+    packet.arrival_utc += shift_;
+    ++packets_[packet.receiver];
+    return SourceEvent::packet;
+  }
+  Source kind() const override { return Source::replay; }
+  std::string describe() const override { return "replay " + path_; }
+  SourceStats stats() const override {
+    SourceStats stats;
+    for (std::size_t i = 0; i < kReceivers; ++i) stats.receivers[i].packets = packets_[i];
+    const McapReader::Counts counts = reader_->stats().mcap;
+    if (counts.bad_chunks > 0) stats.refusals.push_back({-1, "bad_chunk", counts.bad_chunks});
+    if (counts.bad_records > 0) stats.refusals.push_back({-1, "bad_record", counts.bad_records});
+    if (at_end_ && !counts.complete) stats.refusals.push_back({-1, "recording_cut", 1});
+    return stats;
+  }
+
+ private:
+  [[noreturn]] void refuse_empty(const std::string& compression) const {
+    if (!compression.empty())
+      throw SetupError(ExitStatus::bad_data,
+                       path_ + " is compressed with " + compression +
+                           ", which is not supported; write it anew with `mcap compress --compression lz4`");
+    throw SetupError(ExitStatus::bad_data, path_ + " holds no CSI that csiposed or csipose has recorded");
+  }
+  std::unique_ptr<RecordingReader> open() const {
+    return std::make_unique<RecordingReader>(file_.bytes(), path_);
+  }
+  bool next(Packet& packet) {
+    PoseItem pose;
+    for (;;) {
+      const RecordingReader::Item item = reader_->next(packet, pose);
+      if (item == RecordingReader::Item::packet) return true;
+      if (item == RecordingReader::Item::end) return at_end_ = true, false;
+    }
+  }
+  // The next round begins one packet's distance after the last.
+  void begin_again() {
+    const std::int64_t count = *std::max_element(round_packets_.begin(), round_packets_.end());
+    const Nanoseconds length = last_ - first_;
+    shift_ += length + (count > 1 ? length / (count - 1) : Nanoseconds(1));
+    round_packets_ = {};
+    at_end_ = false;
+    reader_ = open();
+  }
+
+  const std::string path_;
+  const bool loop_;
+  const MappedFile file_;
+  std::unique_ptr<RecordingReader> reader_;
+  std::array<std::uint64_t, kReceivers> packets_{};
+  std::array<std::int64_t, kReceivers> round_packets_{};
+  SteadyTime first_ = SteadyTime::max(), last_{};
+  Nanoseconds shift_{};
+  bool at_end_ = false;
+};
+
 }  // namespace
 
 std::unique_ptr<PacketSource> open_replay(const ReplayConfig& config) {
   if (config.files.empty()) throw SetupError(ExitStatus::bad_config, "no file to replay is given");
-  if (config.files.size() > kReceivers)
-    throw SetupError(ExitStatus::bad_config,
-                     "more than three files to replay: give one .dat file per receiver, or one .mcap");
+  MappedFile first(config.files[0]);
+  if (McapReader(first.bytes()).is_mcap() && config.files.size() == 1)
+    return std::make_unique<McapReplay>(config, std::move(first));
+  if (config.files.size() > kReceivers || McapReader(first.bytes()).is_mcap())
+    throw SetupError(
+        ExitStatus::bad_config,
+        "cannot replay these files together: give one .mcap, or one to three .dat files, one per receiver");
   return std::make_unique<DatReplay>(config);
 }
 

@@ -4,6 +4,7 @@
 
 #include <map>
 
+#include "proto/recording.h"
 #include "proto/result.h"
 #include "tests/capture/dat_maker.h"
 #include "tests/shared_data.h"
@@ -127,6 +128,41 @@ TEST(Replay, RefusesWithWords) {
   EXPECT_THROW(open_replay({}), SetupError);
   EXPECT_THROW(open_replay({{"a", "b", "c", "d"}}), SetupError);
   EXPECT_THROW(open_replay({{"/nonexistent.dat"}}), SetupError);
+}
+
+TEST(Replay, ARecordingGivesBackWhatWasRecorded) {
+  Folder folder;
+  const std::string path = folder.path("a.mcap");
+  std::vector<Given> put;
+  {
+    RecordingWriter writer(path, {}, {});
+    for (int i = 0; i < 1000; ++i) {
+      put.push_back({i % 3, 5'000'000'000'123 + i * 333'333, 1'790'000'000'000'000'000 + i * 333'333,
+                     csi_record(1u, 1)});
+      const Given& g = put.back();
+      writer.add(Packet{static_cast<std::uint8_t>(g.receiver), SteadyTime(Nanoseconds(g.arrival_ns)),
+                        UtcTime(Nanoseconds(g.utc_ns)), g.records});
+    }
+  }
+  const auto source = open_replay({{path}, 0, true});
+  const auto given = all_of(*source, 2500);
+  ASSERT_EQ(given.size(), 2500u);
+  for (std::size_t i = 0; i < 2500; ++i) {
+    EXPECT_EQ(given[i].receiver, put[i % 1000].receiver);
+    EXPECT_EQ(given[i].records, put[i % 1000].records);
+  }
+  for (std::size_t i = 0; i < 1000; ++i) EXPECT_EQ(given[i].arrival_ns, put[i].arrival_ns);
+  for (std::size_t i = 1; i < 2500; ++i)
+    EXPECT_GT(given[i].arrival_ns, given[i - 1].arrival_ns) << "loop or not";
+  EXPECT_EQ(source->kind(), Source::replay);
+  EXPECT_TRUE(source->stats().refusals.empty());
+  EXPECT_THROW(open_replay({{path, path}}), SetupError);
+}
+
+TEST(Replay, ARecordingWithoutCsiIsRefused) {
+  Folder folder;
+  { McapWriter empty(folder.path("a.mcap"), "test"); }
+  EXPECT_THROW(open_replay({{folder.path("a.mcap")}}), SetupError);
 }
 
 TEST(Replay, SyncSetFramesMeetInTime) {
