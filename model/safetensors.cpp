@@ -357,10 +357,10 @@ std::vector<std::uint8_t> pack_safetensors(std::map<std::string, std::string> me
   header["__metadata__"][kSealKey] = seal(header, data);
   std::string text = header.dump();
   text.append((8 - text.size() % 8) % 8, ' ');  // the numbers start at a multiple of 8
-  std::vector<std::uint8_t> file(kLengthBytes);
+  std::vector<std::uint8_t> file(kLengthBytes + text.size() + data.size());
   store_le<std::uint64_t>(file.data(), text.size());
-  file.insert(file.end(), text.begin(), text.end());
-  file.insert(file.end(), data.begin(), data.end());
+  const auto after_text = std::copy(text.begin(), text.end(), file.begin() + kLengthBytes);
+  std::copy(data.begin(), data.end(), after_text);
   return file;
 }
 
