@@ -5,10 +5,19 @@
 #include "model/onednn_engine.h"
 
 namespace csipose {
+namespace {
+
+OneDnnOptions one_thread() {
+  OneDnnOptions options;
+  options.threads = 1;
+  return options;
+}
+
+}  // namespace
 
 Int8Calibration calibrate_int8(std::shared_ptr<const Model> model, std::span<const WindowTensor> windows) {
   assert(!windows.empty());
-  OneDnnEngine engine(std::move(model), Precision::f32, /*threads=*/1, {});
+  OneDnnEngine engine(std::move(model), Precision::f32, one_thread());
   engine.probe().watch_inputs = true;
   for (const WindowTensor& window : windows) engine.run(window, LinkSet().set());
   return {engine.probe().input_max()};
@@ -16,11 +25,11 @@ Int8Calibration calibrate_int8(std::shared_ptr<const Model> model, std::span<con
 
 std::map<std::string, GateFigures> measure_precisions(std::shared_ptr<const Model> model,
                                                       std::span<const WindowTensor> windows) {
-  OneDnnEngine exact(model, Precision::f32, /*threads=*/1, {});
+  OneDnnEngine exact(model, Precision::f32, one_thread());
   std::map<std::string, GateFigures> figures;
   for (const Precision precision : {Precision::bf16, Precision::int8}) {
     if (why_not(precision, cpu_features(), *model)) continue;
-    OneDnnEngine other(model, precision, /*threads=*/1, {});
+    OneDnnEngine other(model, precision, one_thread());
     figures[std::string(name_of(precision))] = measure_shift(exact, other, windows);
   }
   return figures;

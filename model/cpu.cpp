@@ -38,7 +38,7 @@ CpuFeatures cpu_features() {
 std::string to_string(const CpuFeatures& features) {
   std::string words;
   const auto add = [&](bool there, const char* name) {
-    if (there) words += (words.empty() ? "" : " ") + std::string(name);
+    if (there) words.append(words.empty() ? "" : " ").append(name);
   };
   add(features.avx2, "avx2");
   add(features.avx512, "avx512");

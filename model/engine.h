@@ -18,7 +18,8 @@ class Model;  // model/model.h: configuration, weights, metadata, digest
 
 enum class Precision : std::uint8_t { f32, bf16, int8 };
 
-/// Raw answer for one window, Q queries in descending order of their proposal's score. Views live until the next run.
+/// Raw answer for one window, Q queries in descending order of their proposal's score (an engine that refines only some
+/// of them gives those, in the same order). Views live until the next run.
 struct NetworkOutput {
   std::span<const float> logits;   ///< [Q] class logit of the last decoder layer
   std::span<const float> poses;    ///< [Q][14][3] refined joints, label frame of the model, metres
@@ -50,6 +51,9 @@ struct OneDnnOptions {
   std::optional<Precision> precision;
   std::vector<int> cpus;  ///< processors to pin the engine's threads to; empty = not pinned
   bool keep_stages = false;
+  /// Only this many queries, those with the highest logits, are refined and given; 0 = all. Refinement is a quarter of
+  /// the network's arithmetic when all 100 queries of `paper` pass it, and nobody looks at the last 80.
+  std::size_t refined_queries = 20;
 };
 /// Throws SetupError when the model or the processor cannot do what is asked.
 std::unique_ptr<Engine> make_onednn_engine(std::shared_ptr<const Model> model, const OneDnnOptions& options);

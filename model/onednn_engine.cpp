@@ -49,7 +49,7 @@ double time_mlp_product(const Model& model, Precision precision, const OneDnnOpt
 
 std::unique_ptr<OneDnnEngine> make(const std::shared_ptr<const Model>& model, Precision precision,
                                    const OneDnnOptions& options) {
-  return std::make_unique<OneDnnEngine>(model, precision, options.threads, options.cpus);
+  return std::make_unique<OneDnnEngine>(model, precision, options);
 }
 
 /// Takes the fastest precision that the processor has, that is worth it and that passes the gate. What was
@@ -98,7 +98,7 @@ class Choice {
     return measure_shift(*exact_, engine, windows);
   }
 
-  void note(const std::string& words) { notes_ += (notes_.empty() ? "" : "; ") + words; }
+  void note(const std::string& words) { notes_.append(notes_.empty() ? "" : "; ").append(words); }
 
   std::shared_ptr<const Model> model_;
   OneDnnOptions options_;
@@ -158,13 +158,13 @@ std::optional<std::string> why_not(Precision precision, const CpuFeatures& cpu, 
   return std::nullopt;
 }
 
-OneDnnEngine::OneDnnEngine(std::shared_ptr<const Model> model, Precision precision, int threads,
-                           std::vector<int> cpus)
+OneDnnEngine::OneDnnEngine(std::shared_ptr<const Model> model, Precision precision,
+                           const OneDnnOptions& options)
     : model_(checked(std::move(model), precision)),
       precision_(precision),
-      context_(threads, std::move(cpus)),
+      context_(options.threads, options.cpus),
       encoder_(context_, *model_, number_plan(precision, context_.cpu())),
-      decoder_(context_, *model_, number_plan(precision, context_.cpu())) {
+      decoder_(context_, *model_, number_plan(precision, context_.cpu()), options.refined_queries) {
   for (std::size_t links = 1; links <= kLinks; ++links) {
     encoder_.prepare(links * kSamples);
     decoder_.prepare(links * kSamples);
@@ -203,7 +203,7 @@ std::string OneDnnEngine::describe() const {
 }
 
 void OneDnnEngine::add_note(const std::string& note) {
-  if (!note.empty()) notes_ += (notes_.empty() ? "" : "; ") + note;
+  if (!note.empty()) notes_.append(notes_.empty() ? "" : "; ").append(note);
 }
 
 std::unique_ptr<Engine> make_onednn_engine(std::shared_ptr<const Model> model, const OneDnnOptions& options) {

@@ -16,7 +16,8 @@ class OneDnnEngine final : public Engine {
   /// Packs the weights and makes the primitives for every number of links (1 to 9). Throws SetupError when
   /// the precision cannot be had: no unit for it, only a reference loop in the library, or (int8) no
   /// calibration in the model.
-  OneDnnEngine(std::shared_ptr<const Model> model, Precision precision, int threads, std::vector<int> cpus);
+  /// Of the options, `precision` and `keep_stages` are not looked at.
+  OneDnnEngine(std::shared_ptr<const Model> model, Precision precision, const OneDnnOptions& options);
 
   NetworkOutput run(std::span<const float> x, LinkSet links) override;
   std::span<const float> stage(const std::string& name) const override { return probe_.stage_values(name); }

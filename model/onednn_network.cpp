@@ -54,8 +54,15 @@ std::vector<float> half_of_table(const Tensor& table, std::size_t half, std::siz
 
 std::span<const float> view(const Buffer& buffer, std::size_t count) { return {buffer.floats(), count}; }
 
-/// Slots for refined people that memory is made for.
-std::size_t most_people(const NetworkConfig& c) { return c.identity_conditioning ? c.queries : 1; }
+/// The first numbers of `ranking` in descending order of score; among equal ones the lower comes first, and a
+/// score that is not a number after all numbers.
+void rank(const float* scores, std::span<std::uint32_t> ranking) {
+  const auto score = [&](std::uint32_t i) { return std::isnan(scores[i]) ? -HUGE_VALF : scores[i]; };
+  for (std::uint32_t i = 0; i < ranking.size(); ++i) ranking[i] = i;
+  std::sort(ranking.begin(), ranking.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return score(a) != score(b) ? score(a) > score(b) : a < b;
+  });
+}
 
 float softplus(float x) { return x > 30 ? x : std::log1p(std::exp(x)); }
 
@@ -378,16 +385,18 @@ void Mlp::run(const void* x, float* y, std::size_t rows) {
   layers_.back().run(x, y, rows);
 }
 
-OneDnnDecoder::OneDnnDecoder(OneDnnContext& context, const Model& model, const NumberPlan& plan)
+OneDnnDecoder::OneDnnDecoder(OneDnnContext& context, const Model& model, const NumberPlan& plan,
+                             std::size_t refined_queries)
     : context_(&context),
       config_(model.config()),
+      refined_queries_(refined_queries == 0 ? config_.queries : std::min(refined_queries, config_.queries)),
       element_(plan.decoder),
       project_(context, whole(model.tensors(), "proj"), {element_, Element::f32}, "proj"),
       attention_(context, config_.decoder_dim, config_.decoder_heads, element_, element_),
       state_(config_.queries, config_.decoder_dim, element_),
-      refine_state_(most_people(config_) * kJoints, config_.decoder_dim, element_),
+      refine_state_(most_people() * kJoints, config_.decoder_dim, element_),
       buffers_(config_.queries, config_.decoder_dim, config_.ffn, element_),
-      refine_buffers_(most_people(config_) * kJoints, config_.decoder_dim, config_.ffn, element_),
+      refine_buffers_(most_people() * kJoints, config_.decoder_dim, config_.ffn, element_),
       ranking_(kTokens) {
   make_decoder(model.tensors());
   if (config_.refine_layers > 0) make_refinement(model.tensors());
@@ -409,12 +418,12 @@ void OneDnnDecoder::make_decoder(const TensorMap& tensors) {
 }
 
 void OneDnnDecoder::make_refinement(const TensorMap& tensors) {
-  refine_position_ = half_of_table(tensors["refine_query_embedding.weight"], 0, most_people(config_));
+  refine_position_ = half_of_table(tensors["refine_query_embedding.weight"], 0, most_people());
   refine_content_ = half_of_table(tensors["refine_query_embedding.weight"], 1, 1);
   for (std::size_t j = 0; j < config_.refine_layers; ++j) {
     refine_layers_.emplace_back(*context_, tensors, fmt::format("refine_decoder.layers.{}.", j), element_);
     refine_heads_.emplace_back(*context_, tensors, fmt::format("refine_kpt_branches.{}.", j),
-                               kRefineHeadLayers, element_, most_people(config_) * kJoints);
+                               kRefineHeadLayers, element_, most_people() * kJoints);
   }
   if (config_.identity_conditioning)
     identity_.emplace_back(*context_, whole(tensors, "refine_identity"), LinearPlan{element_, Element::f32},
@@ -425,7 +434,7 @@ void OneDnnDecoder::make_refinement(const TensorMap& tensors) {
 
 void OneDnnDecoder::make_buffers() {
   const auto floats = [](std::size_t count) { return Buffer(count * sizeof(float)); };
-  const std::size_t queries = config_.queries, joints = most_people(config_) * kJoints;
+  const std::size_t queries = config_.queries, joints = most_people() * kJoints;
   memory_ = floats(kTokens * config_.decoder_dim);
   memory_typed_ = Buffer(kTokens * config_.decoder_dim * size_of(element_));
   proposal_logits_ = floats(kTokens);
@@ -452,7 +461,7 @@ void OneDnnDecoder::prepare(std::size_t tokens) {
   if (refine_layers_.empty()) return;
   for (DecoderLayer& layer : refine_layers_) layer.prepare({people, kJoints, tokens});
   for (Mlp& head : refine_heads_) head.prepare(joints);
-  for (Linear& identity : identity_) identity.prepare(queries);
+  for (Linear& identity : identity_) identity.prepare(given_for(tokens));
   for (Linear& sigma : sigma_) sigma.prepare(joints);
   attention_.prepare({people, kJoints, kJoints});
   attention_.prepare({1, joints, tokens});
@@ -462,10 +471,11 @@ NetworkOutput OneDnnDecoder::run(const void* features, std::size_t tokens, Probe
   project(features, tokens, probe);
   propose(tokens, probe);
   decode(tokens, probe);
+  const std::size_t given = given_for(tokens);
+  select(queries_for(tokens), given);
   if (!refine_layers_.empty()) refine(tokens, probe);
-  const std::size_t queries = queries_for(tokens);
-  return {view(logits_, queries), view(poses_, queries * kPoseWidth),
-          view(sigma_m_, config_.joint_sigma ? queries * kJoints : 0)};
+  return {view(logits_, given), view(poses_, given * kPoseWidth),
+          view(sigma_m_, config_.joint_sigma ? given * kJoints : 0)};
 }
 
 void OneDnnDecoder::project(const void* features, std::size_t tokens, Probe& probe) {
@@ -477,20 +487,12 @@ void OneDnnDecoder::project(const void* features, std::size_t tokens, Probe& pro
   probe.stage("memory", view(memory_, tokens * width));
 }
 
-/// Every row of the memory proposes a pose; the best Q are where the queries start. Among equal scores the
-/// lower row comes first, and a score that is not a number after all numbers.
+/// Every row of the memory proposes a pose; the best Q are where the queries start.
 void OneDnnDecoder::propose(std::size_t tokens, Probe& probe) {
   class_heads_.back().run(memory_.data(), proposal_logits_.data(), tokens);
   pose_heads_.back().run(memory_typed_.data(), proposal_poses_.floats(), tokens);
-  const auto score = [&](std::uint32_t row) {
-    const float logit = proposal_logits_.floats()[row];
-    return std::isnan(logit) ? -HUGE_VALF : logit;
-  };
   const std::span<std::uint32_t> rows = std::span(ranking_).first(tokens);
-  for (std::uint32_t i = 0; i < tokens; ++i) rows[i] = i;
-  std::sort(rows.begin(), rows.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return score(a) != score(b) ? score(a) > score(b) : a < b;
-  });
+  rank(proposal_logits_.floats(), rows);
   for (std::size_t q = 0; q < queries_for(tokens); ++q) {
     std::memcpy(poses_.floats() + q * kPoseWidth, proposal_poses_.floats() + rows[q] * kPoseWidth,
                 kPoseWidth * sizeof(float));
@@ -524,10 +526,27 @@ void OneDnnDecoder::decode(std::size_t tokens, Probe& probe) {
   }
 }
 
+/// Keeps the queries with the highest logits, in their order: logits, poses, and the state that tells persons
+/// apart.
+void OneDnnDecoder::select(std::size_t queries, std::size_t given) {
+  if (given == queries) return;
+  const std::span<std::uint32_t> chosen = std::span(ranking_).first(queries);
+  rank(logits_.floats(), chosen);
+  std::sort(chosen.begin(), chosen.begin() + static_cast<std::ptrdiff_t>(given));
+  const auto keep = [&](const Buffer& rows, std::size_t row_bytes) {
+    char* bytes = static_cast<char*>(rows.data());
+    for (std::size_t i = 0; i < given; ++i)
+      std::memmove(bytes + i * row_bytes, bytes + chosen[i] * row_bytes, row_bytes);
+  };
+  keep(logits_, sizeof(float));
+  keep(poses_, kPoseWidth * sizeof(float));
+  keep(state_.typed, config_.decoder_dim * size_of(element_));
+}
+
 /// Content of each joint's query, plus what says whose joint it is.
-void OneDnnDecoder::start_refinement(std::size_t queries, std::size_t people) {
+void OneDnnDecoder::start_refinement(std::size_t given, std::size_t people) {
   const std::size_t width = config_.decoder_dim;
-  for (Linear& identity : identity_) identity.run(state_.typed.data(), identities_.data(), queries);
+  for (Linear& identity : identity_) identity.run(state_.typed.data(), identities_.data(), given);
   for (std::size_t p = 0; p < people; ++p)
     for (std::size_t j = 0; j < kJoints; ++j) {
       float* row = refine_state_.values.floats() + (p * kJoints + j) * width;
@@ -539,20 +558,20 @@ void OneDnnDecoder::start_refinement(std::size_t queries, std::size_t people) {
 }
 
 void OneDnnDecoder::refine(std::size_t tokens, Probe& probe) {
-  const std::size_t queries = queries_for(tokens), people = people_for(tokens), joints = people * kJoints;
-  start_refinement(queries, people);
+  const std::size_t given = given_for(tokens), people = people_for(tokens), joints = people * kJoints;
+  start_refinement(given, people);
   for (std::size_t j = 0; j < refine_layers_.size(); ++j) {
     refine_layers_[j].run(refine_state_, refine_position_.data(), {people, kJoints, tokens}, attention_,
                           refine_buffers_);
     refine_heads_[j].run(refine_state_.typed.data(), offsets_.floats(), joints);
-    for (std::size_t q = 0; q < queries; ++q)
+    for (std::size_t q = 0; q < given; ++q)
       for (std::size_t n = 0; n < kPoseWidth; ++n)
         poses_.floats()[q * kPoseWidth + n] += offsets_.floats()[(q % people) * kPoseWidth + n];
-    probe.append("refined", view(poses_, queries * kPoseWidth));
+    probe.append("refined", view(poses_, given * kPoseWidth));
   }
   for (Linear& sigma : sigma_) {
     sigma.run(refine_state_.values.data(), raw_sigma_.data(), joints);
-    for (std::size_t n = 0; n < queries * kJoints; ++n)
+    for (std::size_t n = 0; n < given * kJoints; ++n)
       sigma_m_.floats()[n] = kLeastSigma_m + softplus(raw_sigma_.floats()[n % joints]);
   }
 }

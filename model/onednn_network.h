@@ -166,29 +166,35 @@ class Mlp {
 
 class OneDnnDecoder {
  public:
-  OneDnnDecoder(OneDnnContext& context, const Model& model, const NumberPlan& plan);
+  /// `refined_queries` as in OneDnnOptions.
+  OneDnnDecoder(OneDnnContext& context, const Model& model, const NumberPlan& plan,
+                std::size_t refined_queries);
   void prepare(std::size_t tokens);
   /// features [N][D] in the decoder's format.
   NetworkOutput run(const void* features, std::size_t tokens, Probe& probe);
 
  private:
   std::size_t queries_for(std::size_t tokens) const { return std::min(config_.queries, tokens); }
+  std::size_t given_for(std::size_t tokens) const { return std::min(refined_queries_, queries_for(tokens)); }
   /// Without identity conditioning the refinement is the same for all persons of a window and is done once.
   std::size_t people_for(std::size_t tokens) const {
-    return config_.identity_conditioning ? queries_for(tokens) : 1;
+    return config_.identity_conditioning ? given_for(tokens) : 1;
   }
+  std::size_t most_people() const { return config_.identity_conditioning ? refined_queries_ : 1; }
   void project(const void* features, std::size_t tokens, Probe& probe);
   void propose(std::size_t tokens, Probe& probe);
   void decode(std::size_t tokens, Probe& probe);
+  void select(std::size_t queries, std::size_t given);
   void refine(std::size_t tokens, Probe& probe);
   void start_state(QueryState& state, const std::vector<float>& position, std::size_t rows) const;
-  void start_refinement(std::size_t queries, std::size_t people);
+  void start_refinement(std::size_t given, std::size_t people);
   void make_decoder(const TensorMap& tensors);
   void make_refinement(const TensorMap& tensors);
   void make_buffers();
 
   OneDnnContext* context_;
   NetworkConfig config_;
+  std::size_t refined_queries_;
   Element element_;
   std::vector<float> query_position_, query_content_;    ///< [Q][E]
   std::vector<float> refine_position_, refine_content_;  ///< [people * 14][E], [14][E]

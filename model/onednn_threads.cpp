@@ -27,24 +27,28 @@ int allowed_count(int count) {
 #endif
 }
 
-void require_available(const std::vector<int>& cpus) {
-  cpu_set_t allowed;
-  CPU_ZERO(&allowed);
-  sched_getaffinity(0, sizeof allowed, &allowed);
-  for (const int cpu : cpus)
-    if (cpu < 0 || cpu >= CPU_SETSIZE || !CPU_ISSET(cpu, &allowed))
-      throw SetupError(
-          ExitStatus::bad_config,
-          fmt::format("inference cannot be pinned to processor {}: this process may not run there; "
-                      "`nproc` and `taskset -p $$` tell what there is",
-                      cpu));
-}
-
-void pin_this_thread(int cpu) {
+bool pin_this_thread(int cpu) {
   cpu_set_t one;
   CPU_ZERO(&one);
-  CPU_SET(cpu, &one);
-  sched_setaffinity(0, sizeof one, &one);
+  CPU_SET(static_cast<std::size_t>(cpu), &one);
+  return sched_setaffinity(0, sizeof one, &one) == 0;
+}
+
+/// By trying: the thread's own mask tells nothing, an earlier engine may have pinned it.
+void require_available(const std::vector<int>& cpus) {
+  cpu_set_t before;
+  sched_getaffinity(0, sizeof before, &before);
+  for (const int cpu : cpus) {
+    const bool possible = cpu >= 0 && cpu < CPU_SETSIZE && pin_this_thread(cpu);
+    sched_setaffinity(0, sizeof before, &before);
+    if (!possible)
+      throw SetupError(
+          ExitStatus::bad_config,
+          fmt::format(
+              "inference cannot be pinned to processor {}: there is none of that number or this process "
+              "may not run there; `nproc` tells how many there are",
+              cpu));
+  }
 }
 
 }  // namespace
