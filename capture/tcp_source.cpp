@@ -14,9 +14,6 @@
 namespace csipose {
 namespace {
 
-constexpr std::size_t kBufferBytes =
-    2 * 65'537;  // the longest record, and as much again so that reads are not tiny
-
 [[noreturn]] void refuse(const std::string& what) {
   const int error = errno;
   throw SetupError(error == EACCES ? ExitStatus::no_permission : ExitStatus::os_refusal,
@@ -112,7 +109,6 @@ void TcpSource::admit(FileDescriptor socket, const SocketAddress& from, std::siz
   watch(epoll_.get(), socket.get());
   auto connection = std::make_unique<Connection>();
   connection->socket = std::move(socket);
-  connection->buffer.resize(kBufferBytes);
   replaced_[peer->receiver] += connections_[peer->receiver] != nullptr;
   ++counts_[peer->receiver].sessions;
   connections_[peer->receiver] = std::move(connection);
@@ -130,25 +126,18 @@ bool TcpSource::take_from(std::uint8_t receiver, Packet& packet) {
 
 bool TcpSource::take_buffered(std::uint8_t receiver, Packet& packet) {
   Connection& connection = *connections_[receiver];
-  while (const auto record = connection.stream.next()) {
-    const ByteView records = connection.pairer.add(record->framed());
-    if (records.empty()) continue;
-    ++counts_[receiver].packets;
-    packet = {receiver, connection.read_at.steady, connection.read_at.utc, records};
-    return true;
-  }
-  return false;
+  const ByteView records = connection.stream.next();
+  if (records.empty()) return false;
+  ++counts_[receiver].packets;
+  packet = {receiver, connection.read_at.steady, connection.read_at.utc, records};
+  return true;
 }
 
-TcpSource::Read TcpSource::read_more(Connection& c) {
-  const std::size_t consumed = c.stream.offset() - c.start;
-  std::memmove(c.buffer.data(), c.buffer.data() + consumed, c.used - consumed);
-  c.used -= consumed;
-  c.start += consumed;
-  const ssize_t size = ::recv(c.socket.get(), c.buffer.data() + c.used, c.buffer.size() - c.used, 0);
-  if (size > 0) c.used += static_cast<std::size_t>(size);
-  c.stream.refill({c.buffer.data(), c.used}, c.start);
-  c.read_at = now_on_both_clocks();
+TcpSource::Read TcpSource::read_more(Connection& connection) {
+  const CsitoolStream::Room room = connection.stream.room();
+  const ssize_t size = ::recv(connection.socket.get(), room.data, room.size, 0);
+  connection.read_at = now_on_both_clocks();
+  if (size > 0) connection.stream.filled(static_cast<std::size_t>(size));
   if (size > 0) return Read::some;
   return size < 0 && (errno == EAGAIN || errno == EINTR) ? Read::nothing_yet : Read::over;
 }

@@ -7,17 +7,14 @@
 #pragma once
 
 #include <array>
-#include <map>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
+#include "capture/csitool_stream.h"
 #include "capture/file_descriptor.h"
-#include "capture/frame_pairer.h"
 #include "capture/live_source.h"
 #include "capture/socket_address.h"
-#include "proto/record_stream.h"
 
 namespace csipose {
 
@@ -54,11 +51,7 @@ class TcpSource final : public LiveSource {
   };
   struct Connection {
     FileDescriptor socket;
-    std::vector<std::uint8_t> buffer;  // what was read and not yet consumed
-    std::size_t used = 0;
-    std::uint64_t start = 0;  // place of buffer[0] in the stream
-    RecordStream stream{{}, RecordStream::Policy::strict, RecordStream::Input::growing};
-    FramePairer pairer;
+    CsitoolStream stream;
     Now read_at{};
   };
   enum class Read { some, nothing_yet, over };

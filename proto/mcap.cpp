@@ -272,12 +272,12 @@ McapWriter::Buffer McapWriter::chunk_record(ChunkIndex& index) {
     put_bytes(record, worth_it ? packed : chunk_);
   });
   index.length = record.size();
-  for (const auto& [channel, entries] : chunk_index_) {
-    index.index_offsets[channel] = size_ + record.size();
+  for (const auto& channel : chunk_index_) {
+    index.index_offsets[channel.first] = size_ + record.size();
     put_record(record, kMessageIndex, [&] {
-      put_int(record, channel);
+      put_int(record, channel.first);
       put_sized<std::uint32_t>(record, [&] {
-        for (const auto& [time, place] : entries) put_int(record, time), put_int(record, place);
+        for (const auto& [time, place] : channel.second) put_int(record, time), put_int(record, place);
       });
     });
   }
