@@ -40,6 +40,7 @@ void become_sibling_if_named(int argc, char** argv) {
 }
 
 void add_commands(CLI::App& app) {
+  add_demo(app);
   add_watch(app);
   add_status(app);
   add_top(app);

@@ -40,6 +40,7 @@ void add_config(CLI::App& app);
 void add_status(CLI::App& app);
 void add_top(CLI::App& app);
 void add_watch(CLI::App& app);
+void add_demo(CLI::App& app);
 void add_model(CLI::App& app);
 void add_infer(CLI::App& app);
 
