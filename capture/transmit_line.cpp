@@ -17,6 +17,7 @@ constexpr double kMaxLate_s = 2.0;
 constexpr double kSlotClockBucket_s = 0.1;    // times LowerLine::kBuckets: the tick remembers some 3 s
 constexpr double kSlotClockTolerance = 0.03;  // transmit rates within 2 % of the grid are taken for it
 constexpr std::uint64_t kLargeCounter = std::uint64_t{1} << 62;
+constexpr std::int64_t kFarAhead = std::int64_t{1} << 61;  // beyond it, differences of counters may wrap
 
 LowerLine::Config slot_clock(double grid_hz, double slots_per_s) {
   return {.bucket = kSlotClockBucket_s * grid_hz,
@@ -63,7 +64,8 @@ std::optional<std::int64_t> TransmitLine::place(TxCounter raw, SteadyTime on_air
 
   const auto shifted = static_cast<std::int64_t>(raw.value + now_.shift);
   const std::int64_t next = raw.modulus == 0 ? shifted : congruent_from(newest_ + 1, shifted, raw.modulus);
-  if (distance(next, newest_) > 0 && late_s(next, now_, on_air) > tolerance_s_) {
+  const std::int64_t ahead = distance(next, newest_);
+  if (ahead > 0 && ahead < kFarAhead && late_s(next, now_, on_air) > tolerance_s_) {
     ++pauses_;
     return resume(next, now_.shift, on_air);
   }

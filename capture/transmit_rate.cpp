@@ -9,6 +9,7 @@ namespace csipose {
 
 namespace {
 constexpr double kMaxHz = 20'000, kMinHz = 0.1;
+constexpr double kMaxGap = 8;  // periods
 
 std::optional<double> if_possible(double hz) {
   return hz >= kMinHz && hz <= kMaxHz ? std::optional(hz) : std::nullopt;  // false for NaN, too
@@ -41,10 +42,15 @@ std::optional<double> transmit_rate_hz(std::span<const double> times_s) {
   for (std::size_t i = 1; i < times_s.size(); ++i) gaps[i - 1] = times_s[i] - times_s[i - 1];
   const double gap_s = median(std::span(gaps).first(times_s.size() - 1));
   if (!if_possible(1 / gap_s)) return std::nullopt;
-  double periods = 0;
-  for (std::size_t i = 1; i < times_s.size(); ++i)
-    periods += std::round((times_s[i] - times_s[i - 1]) / gap_s);
-  return if_possible(periods / (times_s.back() - times_s.front()));
+  double periods = 0, time_s = 0;
+  for (std::size_t i = 1; i < times_s.size(); ++i) {
+    const double step_s = times_s[i] - times_s[i - 1];
+    if (step_s > kMaxGap * gap_s)
+      continue;  // so long, the median's error is no longer small against a period
+    periods += std::round(step_s / gap_s);
+    time_s += step_s;
+  }
+  return if_possible(periods / time_s);
 }
 
 }  // namespace csipose

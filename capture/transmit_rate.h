@@ -19,8 +19,8 @@ struct TimedCounter {
 ///   returns  nullopt for what no transmitter does: standing still, running back, over 20,000 frames a second
 std::optional<double> transmit_rate_hz(std::span<const TimedCounter> frames, std::uint64_t modulus);
 
-/// From times alone: the median gap is one period, and every gap a whole number of them. Right while less
-/// than half of the frames are lost.
+/// From times alone: the median gap is one period, and every short gap a whole number of them. Right while
+/// less than half of the frames are lost.
 std::optional<double> transmit_rate_hz(std::span<const double> times_s);
 
 }  // namespace csipose
