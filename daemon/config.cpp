@@ -344,6 +344,7 @@ class Consistency {
       return complain(
           "receiver",
           "source.kind = \"agents\" needs three [[receiver]] tables; `csipose agent add` makes their keys");
+    int local = 0;
     for (const ReceiverConfig& receiver : config_.receivers) {
       const int doors = !receiver.key_file.empty() + !receiver.peer.empty() + receiver.local;
       if (doors != 1)
@@ -353,11 +354,14 @@ class Consistency {
         complain("receiver",
                  fmt::format("{}: peer and insecure = true go together, for data that nothing protects",
                              receiver.id));
+      local += receiver.local;
       if (!receiver.peer.empty() && config_.ingest.listen_tcp.empty())
         complain(
             "receiver",
             fmt::format("{} has a peer, but ingest.listen_tcp names no address to connect to", receiver.id));
     }
+    if (local > 1)
+      complain("receiver", "local = true stands at several receivers; this computer has one driver");
   }
 
   Reader& reader_;
@@ -496,6 +500,14 @@ std::string to_toml(const Config& config, bool with_help) {
   }
   write_receivers(out, config.receivers, with_help);
   return out;
+}
+
+std::string values_as_text(const Config& config, bool (*wanted)(std::string_view key)) {
+  Config copy = config;
+  std::string text;
+  for (const auto& key : config_keys())
+    if (wanted(key.name)) text += fmt::format("{} = {}\n", key.name, as_toml(key.field(copy)));
+  return text;
 }
 
 ReloadOutcome apply_reload(Config& running, Config fresh) {

@@ -50,6 +50,7 @@ struct Config {
     std::string counter = "automatic", align = "tx_counter";
     double tx_rate_hz = 0;
     int max_skew_ms = 20, stale_after_ms = 500;
+    int session_ttl_s = 3600, max_pps_per_receiver = 3000;
   } ingest;
   struct {
     int hop = 10;
@@ -148,6 +149,9 @@ Config load_config(const ConfigSources& sources);
 /// The configuration as TOML. `with_help` adds what each key means and may be; otherwise each value that is
 /// not the default says where it came from.
 std::string to_toml(const Config& config, bool with_help);
+
+/// "key = value" lines of the keys that `wanted` chooses.
+std::string values_as_text(const Config& config, bool (*wanted)(std::string_view key));
 
 // ---- reload ----
 

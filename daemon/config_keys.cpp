@@ -58,6 +58,11 @@ const std::vector<Key<Config>>& table() {
       {"ingest.stale_after_ms", FIELD(ingest.stale_after_ms), from(50, 60000), S,
        "no packet for so long: state STALE, tracks are forgotten"},
 
+      {"ingest.session_ttl_s", FIELD(ingest.session_ttl_s), from(60, 86400), S,
+       "how long an agent's session lasts; it renews it in time"},
+      {"ingest.max_pps_per_receiver", FIELD(ingest.max_pps_per_receiver), from(10, 100000), S,
+       "datagrams of one agent beyond this rate are refused and counted"},
+
       {"window.hop", FIELD(window.hop), from(1, 20), S, "a new window, and pose, every so many samples"},
       {"window.sample_rate_hz", FIELD(window.sample_rate_hz), from(10, 5000), S,
        "the grid; must be the rate that the model file states"},
@@ -84,7 +89,7 @@ const std::vector<Key<Config>>& table() {
       {"model.threads", FIELD(model.threads), from(1, 64), S, "threads of the network"},
 
       {"loop.jitter_ms", FIELD(loop.jitter_ms), from(0, 1000), S, "how long a window waits for stragglers"},
-      {"loop.budget_ms", FIELD(loop.budget_ms), from(1, 5000), S,
+      {"loop.budget_ms", FIELD(loop.budget_ms), from(1, 1000), S,
        "constant delay from a window's last sample to its publication; later results are dropped and "
        "counted"},
       {"loop.cpu_affinity", FIELD(loop.cpu_affinity), from(0, 1023), S,

@@ -14,7 +14,8 @@ void notify_stopping();
 /// Feeds the watchdog. Called only when the loop has made progress: a loop that hangs is restarted.
 void notify_watchdog();
 
-/// Sockets by their FileDescriptorName= ("udp", "pose", "control"); taken once, close-on-exec.
+/// Sockets that systemd has opened for us: "udp", "tcp", and Unix sockets by their file's name ("pose.sock").
+/// Taken once, close-on-exec.
 std::map<std::string, int> inherited_sockets();
 
 }  // namespace csipose
