@@ -7,7 +7,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cerrno>
+#include <cstdlib>
 #include <cstring>
+#include <deque>
+#include <fstream>
 #include <thread>
 
 #include "proto/result.h"
@@ -54,16 +58,27 @@ pid_t spawn(const std::string& program, const std::vector<std::string>& argument
 
 }  // namespace
 
+PrivateFolder::PrivateFolder() {
+  std::string name = (std::filesystem::temp_directory_path() / "csipose-XXXXXX").string();
+  if (mkdtemp(name.data()) == nullptr)
+    throw SetupError(ExitStatus::cannot_create,
+                     fmt::format("cannot make the folder {}: {}; set TMPDIR to one that can be written", name,
+                                 std::strerror(errno)));
+  path_ = name;
+}
+
+PrivateFolder::~PrivateFolder() {
+  std::error_code ignored;  // a leftover in the temporary folder is no reason to fail
+  std::filesystem::remove_all(path_, ignored);
+}
+
 ChildProcess::ChildProcess(const std::string& program, const std::vector<std::string>& arguments,
                            const std::filesystem::path& log)
     : name_(std::filesystem::path(program).filename()), log_(log), pid_(spawn(program, arguments, log)) {}
 
 ChildProcess::~ChildProcess() {
   ask_to_stop();
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(3);
-  while (!ended() && std::chrono::steady_clock::now() < deadline)
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  if (!ended()) kill(pid_, SIGKILL);
+  if (!wait_for(std::chrono::seconds(3))) kill(pid_, SIGKILL);
   wait();
 }
 
@@ -78,6 +93,23 @@ int ChildProcess::wait() {
   while (!status_)
     if (waitpid(pid_, &status, 0) == pid_) status_ = shell_status(status);
   return *status_;
+}
+
+std::optional<int> ChildProcess::wait_for(std::chrono::nanoseconds patience) {
+  const auto deadline = std::chrono::steady_clock::now() + patience;
+  while (!ended() && std::chrono::steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  return ended();
+}
+
+std::string ChildProcess::last_words(std::size_t lines) const {
+  std::ifstream in(log_);
+  std::deque<std::string> last;
+  for (std::string line; std::getline(in, line);) {
+    last.push_back("  " + line + "\n");
+    if (last.size() > lines) last.pop_front();
+  }
+  return fmt::format("{}", fmt::join(last, ""));
 }
 
 void ChildProcess::ask_to_stop() const {

@@ -11,6 +11,20 @@
 
 namespace csipose {
 
+/// A folder that only we can read, gone with all that is in it. Throws SetupError when it cannot be made.
+class PrivateFolder {
+ public:
+  PrivateFolder();
+  ~PrivateFolder();
+  PrivateFolder(const PrivateFolder&) = delete;
+  PrivateFolder& operator=(const PrivateFolder&) = delete;
+  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
 /// Starts on construction; asked to stop (SIGTERM), and after three seconds made to, on destruction.
 class ChildProcess {
  public:
@@ -27,7 +41,11 @@ class ChildProcess {
   /// Exit status if it has ended (128 + signal when one ended it), as a shell gives it.
   std::optional<int> ended();
   int wait();
+  /// For as long as `patience`; nullopt when it still runs.
+  std::optional<int> wait_for(std::chrono::nanoseconds patience);
   void ask_to_stop() const;
+  /// The last lines of its log.
+  std::string last_words(std::size_t lines = 5) const;
 
  private:
   std::string name_;

@@ -44,6 +44,9 @@ void add_commands(CLI::App& app) {
   add_watch(app);
   add_status(app);
   add_top(app);
+  add_replay(app);
+  add_record(app);
+  add_agent(app);
   add_config(app);
   for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
   add_model(app);

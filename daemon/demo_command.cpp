@@ -33,28 +33,6 @@ struct DemoOptions {
   double for_seconds = 0, rate_hz = 300;
 };
 
-/// A folder that only we can read, removed with all that is in it.
-class PrivateFolder {
- public:
-  PrivateFolder() {
-    std::string name = (fs::temp_directory_path() / "csipose-demo-XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr)
-      throw SetupError(ExitStatus::cannot_create,
-                       fmt::format("cannot make the folder {}: {}", name, std::strerror(errno)));
-    path_ = name;
-  }
-  ~PrivateFolder() {
-    std::error_code ignored;  // a leftover in the temporary folder is no reason to fail
-    fs::remove_all(path_, ignored);
-  }
-  PrivateFolder(const PrivateFolder&) = delete;
-  PrivateFolder& operator=(const PrivateFolder&) = delete;
-  fs::path operator/(const std::string& name) const { return path_ / name; }
-
- private:
-  fs::path path_;
-};
-
 /// A UDP port of the loopback that is free now.
 int free_port() {
   const int fd = socket(AF_INET, SOCK_DGRAM, 0);
@@ -72,19 +50,9 @@ int free_port() {
   return ntohs(address.sin_port);
 }
 
-std::string tail(const fs::path& file, std::size_t lines) {
-  std::ifstream in(file);
-  std::vector<std::string> all;
-  for (std::string line; std::getline(in, line);) all.push_back(line);
-  std::string text;
-  for (std::size_t i = all.size() > lines ? all.size() - lines : 0; i < all.size(); ++i)
-    text += "  " + all[i] + "\n";
-  return text;
-}
-
 [[noreturn]] void complain(ChildProcess& child) {
   throw SetupError(ExitStatus::runtime, fmt::format("{} ended with status {}; its last words:\n{}",
-                                                    child.name(), child.wait(), tail(child.log(), 5)));
+                                                    child.name(), child.wait(), child.last_words()));
 }
 
 /// Runs a program of ours to its end.

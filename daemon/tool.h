@@ -36,11 +36,14 @@ std::string sibling_program(const std::string& name);
 std::string nearest_word(const std::string& word, const std::vector<std::string>& known);
 
 // The commands, each in its own file.
+void add_agent(CLI::App& app);
 void add_config(CLI::App& app);
+void add_demo(CLI::App& app);
+void add_record(CLI::App& app);
+void add_replay(CLI::App& app);
 void add_status(CLI::App& app);
 void add_top(CLI::App& app);
 void add_watch(CLI::App& app);
-void add_demo(CLI::App& app);
 void add_model(CLI::App& app);
 void add_infer(CLI::App& app);
 

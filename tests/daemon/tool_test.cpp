@@ -5,7 +5,13 @@
 #include <unistd.h>
 
 #include <array>
+#include <csignal>
 #include <cstdio>
+#include <thread>
+
+#include "daemon/child_process.h"
+#include "daemon/own_daemon.h"
+#include "tests/daemon/scratch_folder.h"
 
 namespace csipose {
 namespace {
@@ -59,6 +65,59 @@ TEST(Csipose, SaysWhichProgramIsNotThere) {
   const Outcome outcome = csipose("train --help");
   EXPECT_EQ(outcome.status, static_cast<int>(ExitStatus::unavailable));
   EXPECT_NE(outcome.text.find("csipose-train is not there"), std::string::npos) << outcome.text;
+}
+
+TEST(CsiposeAgent, MakesListsAndRemovesKeys) {
+  testing::ScratchFolder folder;
+  const std::string keys = " --keys " + folder / "keys";
+  const Outcome added = csipose("agent add rx1 --host 192.0.2.7" + keys);
+  EXPECT_EQ(added.status, 0) << added.text;
+  for (const char* part : {"[[receiver]]", "id = \"rx1\"", "192.0.2.7", "csipose-agent"})
+    EXPECT_NE(added.text.find(part), std::string::npos) << part << "\n" << added.text;
+  EXPECT_NE(csipose("agent add rx1" + keys).status, 0) << "a key in use was overwritten";
+  EXPECT_EQ(csipose("agent add sim1 --sim" + keys).status, 0);
+  const Outcome listed = csipose("agent list" + keys);
+  EXPECT_EQ(listed.status, 0);
+  EXPECT_NE(listed.text.find("rx1              live"), std::string::npos) << listed.text;
+  EXPECT_NE(listed.text.find("sim1             simulated"), std::string::npos) << listed.text;
+  EXPECT_EQ(csipose("agent remove rx1" + keys).status, 0);
+  EXPECT_EQ(csipose("agent remove rx1" + keys).status, static_cast<int>(ExitStatus::no_input));
+  EXPECT_EQ(csipose("agent remove ../keys/sim1" + keys).status, static_cast<int>(ExitStatus::usage));
+  EXPECT_EQ(csipose("agent list --json" + keys).text.find("{\"id\":\"sim1\""), 0U);
+}
+
+TEST(CsiposeReplay, SaysWhatIsWrongBeforeItStartsAnything) {
+  const Outcome absent = csipose("replay no-such-file.mcap");
+  EXPECT_EQ(absent.status, static_cast<int>(ExitStatus::no_input));
+  EXPECT_NE(absent.text.find("no-such-file.mcap"), std::string::npos);
+  for (const char* speed : {"fast", "0", "-1", "nan", "1x"})
+    EXPECT_EQ(csipose(std::string("replay /dev/null --speed ") + speed).status,
+              static_cast<int>(ExitStatus::usage))
+        << speed;
+}
+
+TEST(OwnDaemon, TextsBecomeToml) {
+  EXPECT_EQ(toml_text("a \"b\" \\c"), R"("a \"b\" \\c")");
+  EXPECT_EQ(toml_list({"a", "b"}), R"(["a", "b"])");
+  EXPECT_EQ(toml_list({}), "[]");
+}
+
+TEST(ChildProcess, TellsHowItEndedAndWhatItSaid) {
+  const PrivateFolder folder;
+  ChildProcess good("/bin/sh", {"-c", "echo one; echo two >&2; exit 7"}, folder / "log");
+  EXPECT_EQ(good.wait_for(std::chrono::seconds(20)), 7);
+  EXPECT_EQ(good.last_words(), "  one\n  two\n");
+  EXPECT_EQ(good.last_words(1), "  two\n");
+  EXPECT_THROW(ChildProcess("/no/such/program", {}, folder / "log"), SetupError);
+}
+
+TEST(ChildProcess, EndsWhenAsked) {
+  const PrivateFolder folder;
+  ChildProcess sleeper("/bin/sleep", {"1000"}, folder / "log");
+  EXPECT_FALSE(sleeper.ended());
+  EXPECT_FALSE(sleeper.wait_for(std::chrono::milliseconds(20)));
+  sleeper.ask_to_stop();
+  EXPECT_EQ(sleeper.wait(), 128 + SIGTERM);
 }
 
 }  // namespace
