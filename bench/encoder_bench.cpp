@@ -112,7 +112,7 @@ std::shared_ptr<const Model> random_model(const std::string& preset) {
   const auto file =
       SafetensorsFile::parse(random_weights(preset_config(preset), 1, HeadInit::random), preset);
   const std::vector<WindowTensor> windows = noise_windows({}, 2, 1);
-  const auto input_max = calibrate_int8(Model::from(file), windows).input_max;
+  const auto input_max = calibrate_int8(Model::from(file), windows, /*threads=*/1).input_max;
   return Model::from(SafetensorsFile::parse(with_int8_calibration(file, input_max, {}), preset));
 }
 

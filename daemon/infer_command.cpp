@@ -38,6 +38,7 @@ std::unique_ptr<Engine> make_engine(const InferOptions& options, std::shared_ptr
   OneDnnOptions onednn;
   onednn.threads = options.threads;
   onednn.keep_stages = !options.stages.empty();
+  onednn.refined_queries = 0;  // all, as the reference engine gives them
   if (!options.precision.empty()) onednn.precision = precisions().at(options.precision);
   return make_onednn_engine(std::move(model), onednn);
 }

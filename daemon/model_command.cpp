@@ -128,7 +128,7 @@ void add_init(CLI::App& model) {
 }  // namespace
 
 void add_model(CLI::App& app) {
-  CLI::App* model = app.add_subcommand("model", "weights files: init, show, verify");
+  CLI::App* model = app.add_subcommand("model", "weights files: init, show, verify, calibrate");
   model->require_subcommand(1);
   add_init(*model);
   auto file = std::make_shared<std::string>();
@@ -141,6 +141,7 @@ void add_model(CLI::App& app) {
   verify_command->add_option("file", *file, "a .safetensors file")->required();
   verify_command->add_option("--sha256", *sha256, "digest that the file must have")->type_name("HEX");
   verify_command->callback([file, sha256] { verify(*file, *sha256); });
+  add_calibrate(*model);
 }
 
 }  // namespace csipose

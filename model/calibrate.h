@@ -22,13 +22,15 @@ struct Int8Calibration {
 };
 
 /// At least one window; they should be like those of later use, a few hundred are plenty.
-Int8Calibration calibrate_int8(std::shared_ptr<const Model> model, std::span<const WindowTensor> windows);
+Int8Calibration calibrate_int8(std::shared_ptr<const Model> model, std::span<const WindowTensor> windows,
+                               int threads);
 
 /// Figures of every precision that this processor has, by name, for a model that carries int8 scales.
 std::map<std::string, GateFigures> measure_precisions(std::shared_ptr<const Model> model,
-                                                      std::span<const WindowTensor> windows);
+                                                      std::span<const WindowTensor> windows, int threads);
 
 /// Bytes of `file` with scales and figures measured on `windows`.
-std::vector<std::uint8_t> calibrate_file(const SafetensorsFile& file, std::span<const WindowTensor> windows);
+std::vector<std::uint8_t> calibrate_file(const SafetensorsFile& file, std::span<const WindowTensor> windows,
+                                         int threads);
 
 }  // namespace csipose

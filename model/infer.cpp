@@ -160,6 +160,14 @@ void check_job(const Model& model, const InferJob& job) {
 
 }  // namespace
 
+std::vector<std::vector<float>> read_window_file(const std::filesystem::path& path) {
+  const NpyArray<float> file = read_windows(path, LinkSet().set());
+  std::vector<std::vector<float>> windows;
+  for (auto first = file.data.begin(); first != file.data.end(); first += kWindowNumbers)
+    windows.emplace_back(first, first + kWindowNumbers);
+  return windows;
+}
+
 std::vector<std::string> stage_names(const NetworkConfig& config) {
   std::vector<std::string> names = {"embed"};
   const auto add = [&](const std::vector<std::string>& more) {

@@ -21,6 +21,10 @@ std::vector<std::string> stage_names(const NetworkConfig& config);
 ///   [Q][14]
 std::vector<std::size_t> stage_shape(const NetworkConfig& config, LinkSet links, const std::string& stage);
 
+/// The windows of a NumPy file, float32 (60, 20, 9) or (n, 60, 20, 9), each as Window::x. Throws SetupError: another
+/// shape, or a number that is not finite.
+std::vector<std::vector<float>> read_window_file(const std::filesystem::path& path);
+
 struct InferJob {
   std::filesystem::path tensors;    ///< .npy, float32, (60, 20, 9) or (n, 60, 20, 9), not normalised
   std::filesystem::path folder;     ///< made when it is not there

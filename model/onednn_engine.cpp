@@ -108,6 +108,16 @@ class Choice {
   std::string notes_;
 };
 
+/// A layer that has no int8 scale; empty when each has one.
+std::string layer_without_scale(const Model& model) {
+  for (std::size_t i = 0; i < model.config().depth; ++i)
+    for (const char* linear : {"attn.qkv", "attn.proj", "mlp.fc1", "mlp.fc2"}) {
+      const std::string layer = fmt::format("encoder.blocks.{}.{}", i, linear);
+      if (model.calibration().int8_input_max.count(layer) == 0) return layer;
+    }
+  return {};
+}
+
 std::shared_ptr<const Model> checked(std::shared_ptr<const Model> model, Precision precision) {
   if (const auto reason = why_not(precision, cpu_features(), *model))
     throw SetupError(ExitStatus::unavailable,
@@ -153,6 +163,10 @@ std::optional<std::string> why_not(Precision precision, const CpuFeatures& cpu, 
       if (model.calibration().int8_input_max.empty())
         return fmt::format("{} has no int8 calibration; make one with `csipose model calibrate`",
                            model.file_name());
+      if (const std::string layer = layer_without_scale(model); !layer.empty())
+        return fmt::format(
+            "the int8 calibration of {} lacks {}; make a new one with `csipose model calibrate`",
+            model.file_name(), layer);
       break;
   }
   return std::nullopt;

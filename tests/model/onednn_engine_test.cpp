@@ -193,7 +193,7 @@ class EveryPrecision : public ::testing::TestWithParam<Precision> {
     const std::vector<WindowTensor> windows = noise_windows(plain->normalisation(), 4, 11);
     const NetworkConfig& config = plain->config();
     const auto file = SafetensorsFile::parse(random_weights(config, 7, HeadInit::random), "made by the test");
-    const Int8Calibration calibration = calibrate_int8(plain, windows);
+    const Int8Calibration calibration = calibrate_int8(plain, windows, /*threads=*/1);
     return Model::from(
         SafetensorsFile::parse(with_int8_calibration(file, calibration.input_max, {}), "made by the test"));
   }
