@@ -37,7 +37,7 @@ void LowerLine::open_bucket(std::int64_t bucket, const Point& point) {
 }
 
 void LowerLine::fit_slope() {
-  std::array<double, kBuckets*(kBuckets - 1) / 2> slopes;
+  std::array<double, kBuckets*(kBuckets - 1) / 2> slopes{};
   std::size_t n = 0;
   for (std::size_t i = 1; i < count_; ++i)
     for (std::size_t j = 0; j < i; ++j) slopes[n++] = (at(i).z - at(j).z) / (at(i).x - at(j).x);

@@ -25,7 +25,7 @@ double median(std::span<double> values) {
 std::optional<double> transmit_rate_hz(std::span<const TimedCounter> frames, std::uint64_t modulus) {
   assert(frames.size() >= 2 && frames.size() <= kRateFrames);
   const std::size_t apart = frames.size() / 2;
-  std::array<double, kRateFrames> rates;
+  std::array<double, kRateFrames> rates{};
   std::size_t n = 0;
   for (std::size_t i = 0; i + apart < frames.size(); ++i, ++n) {
     const TimedCounter &from = frames[i], &to = frames[i + apart];
@@ -38,7 +38,7 @@ std::optional<double> transmit_rate_hz(std::span<const TimedCounter> frames, std
 
 std::optional<double> transmit_rate_hz(std::span<const double> times_s) {
   assert(times_s.size() >= 2 && times_s.size() <= kRateFrames);
-  std::array<double, kRateFrames> gaps;
+  std::array<double, kRateFrames> gaps{};
   for (std::size_t i = 1; i < times_s.size(); ++i) gaps[i - 1] = times_s[i] - times_s[i - 1];
   const double gap_s = median(std::span(gaps).first(times_s.size() - 1));
   if (!if_possible(1 / gap_s)) return std::nullopt;
