@@ -7,7 +7,14 @@
 namespace csipose {
 namespace {
 constexpr std::size_t kLengthBytes = 4;
+
+/// Before a subscription, and after it.
+Subscription nothing_granted() {
+  Subscription nothing;
+  nothing.level = Level::presence;
+  return nothing;
 }
+}  // namespace
 
 void SharedFrame::assign(const PoseFrame& frame) {
   frame_ = frame;
@@ -30,7 +37,11 @@ SharedFramePtr SharedFramePool::take(const PoseFrame& frame) {
 }
 
 ClientSession::ClientSession(const StreamLimits& limits, const std::string& hello_line, SteadyTime now)
-    : limits_(limits), tokens_at_(now), progress_at_(now), answers_(hello_line) {}
+    : limits_(limits),
+      tokens_at_(now),
+      progress_at_(now),
+      granted_(nothing_granted()),
+      answers_(hello_line) {}
 
 // ---- In ----
 
@@ -127,7 +138,7 @@ void ClientSession::grant(const Subscription& asked) {
 }
 
 void ClientSession::carry_out(const Unsubscription&) {
-  granted_ = {};
+  granted_ = nothing_granted();
   queue_.clear();
   status_.reset();
   answer(encode(format(), Subscribed{granted_}));

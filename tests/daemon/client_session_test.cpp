@@ -88,6 +88,14 @@ TEST(ClientSession, RawIsLoweredToPoseBecauseNoCsiIsStreamed) {
   EXPECT_EQ(s.lines().at(1)["level"], "pose");
 }
 
+TEST(ClientSession, WhoHasNotSubscribedIsGrantedNothing) {
+  Session s;
+  EXPECT_EQ(s.session.level(), Level::presence);
+  s.ask(kSubscribe);
+  s.ask(R"({"type":"unsubscribe"})");
+  EXPECT_EQ(s.lines().back()["level"], "presence");
+}
+
 TEST(ClientSession, ALoweredMaximumHoldsForThoseWhoAreThere) {
   Session s;
   s.ask(kSubscribe);
