@@ -307,7 +307,6 @@ void Daemon::State::report(SteadyTime now) {
   if (link_.status.refresh()) changes_.report(link_.status.front());
   fill_status(status_, link_.status.front(), source_.stats(), receiver_ids_);
   status_.uptime_s = seconds(now - started_);
-  status_.ring_dropped_frames = ring_.dropped();
   status_.config_reloads = {{"ok", reloads_ok_}, {"refused", reloads_refused_}};
   publisher_.set_status(status_);
   write_metrics();

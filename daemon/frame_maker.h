@@ -48,6 +48,8 @@ class FrameMaker {
   /// on. Times and latencies are the caller's to fill.
   PoseFrame& window_frame();
   PoseFrame& state_frame(State state, Reasons reasons);
+  /// No more packets will come.
+  void finish() { front_end_.finish(); }
   /// Windows passed over because the loop had fallen behind.
   void skip_before(SteadyTime time) { status_.skipped += front_end_.skip_before(time); }
 

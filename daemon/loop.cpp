@@ -152,6 +152,7 @@ void ReplayLoop::run() {
   for (auto due = frames_.next(); due && due->end_slot <= frames_.newest_slot() && !link_.stop;
        due = frames_.next())
     serve(*due);
+  frames_.finish();
   hand_out_status();
 }
 

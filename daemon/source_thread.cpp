@@ -48,14 +48,20 @@ void SourceThread::run() {
 
 void SourceThread::pass_on(const Packet& packet) {
   if (tap_) tap_(packet);
-  if (lossless_)
-    ring_.push_wait(packet, stop_);
-  else
-    ring_.push(packet);
+  const bool taken = lossless_ ? ring_.push_wait(packet, stop_) : ring_.push(packet);
+  if (!taken) ++ring_full_[packet.receiver];
+}
+
+SourceStats SourceThread::counted_stats() const {
+  SourceStats stats = source_->stats();
+  for (std::size_t receiver = 0; receiver < kReceivers; ++receiver)
+    if (ring_full_[receiver] > 0)
+      stats.refusals.push_back({static_cast<int>(receiver), "ring_full", ring_full_[receiver]});
+  return stats;
 }
 
 void SourceThread::refresh_stats() {
-  SourceStats fresh = source_->stats();
+  SourceStats fresh = counted_stats();
   const std::lock_guard lock(stats_mutex_);
   stats_ = std::move(fresh);
   stats_at_ = steady_now();

@@ -27,13 +27,14 @@ class SourceThread {
   bool ended() const { return ended_.load(std::memory_order_acquire); }
   /// What broke the source, if something did. After ended().
   std::exception_ptr failure() const { return failure_; }
-  /// A copy not older than a second.
+  /// A copy not older than a second; what found the ring full is among the refusals.
   SourceStats stats() const;
   const PacketSource& source() const { return *source_; }
 
  private:
   void run();
   void pass_on(const Packet& packet);
+  SourceStats counted_stats() const;
   void refresh_stats();
 
   const std::unique_ptr<PacketSource> source_;
@@ -45,6 +46,7 @@ class SourceThread {
   mutable std::mutex stats_mutex_;
   SourceStats stats_;
   SteadyTime stats_at_{};
+  std::array<std::uint64_t, kReceivers> ring_full_{};
   std::thread thread_;
 };
 
