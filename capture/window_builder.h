@@ -46,7 +46,7 @@ class WindowBuilder {
 
   /// Fills x, samples, links, reasons, end_slot and the receivers' rssi_dbm, missing_ratio and last_counter
   /// (0 unless a sample is in the window). The window's other members are not touched.
-  ///   cost  some 20 us, no allocation
+  ///   cost  some 3 us, no allocation
   void assemble(std::int64_t end_slot, Window& window) const;
 
  private:
