@@ -105,117 +105,82 @@ Vec3 ellipsoid_minimum(const Mat3& j, const Vec3& centre, const Vec3& s, const V
   return u;
 }
 
-void reflect_on_ellipsoid(const Body& body, const Vec3& s, const Vec3& q, std::vector<Reflection>& out) {
-  const Vec3& a = body.half_m;
-  const Mat3 j{body.axes[0] * a.x, body.axes[1] * a.y, body.axes[2] * a.z};
-  const Vec3 u = ellipsoid_minimum(j, body.centre, s, q);
-  const EllipsoidStep at = linearise(j, body.centre, u, s, q);
-  const Legs legs(s, q, at.point);
-  // The cofactor matrix of J carries the normal, and its length the stretch of area.
-  const Vec3 area = body.axes * Vec3{u.x * a.y * a.z, u.y * a.x * a.z, u.z * a.x * a.y};
-  const double stretch = glm::length(area);
-  Reflection r{kWholeSurface, at.point, area / stretch, legs.s1, legs.s2};
-  const double det = at.hessian.determinant();
-  if (!legs.lights(r.normal) || det <= 0) return;
-  r.cos_incidence = -glm::dot(r.normal, legs.e1);
-  r.spreading = r.cos_incidence * stretch / (r.s1_m * r.s2_m * std::sqrt(det));
-  r.caustic_m = caustic_distance(std::abs(r.spreading) * r.s1_m, r.s2_m);
-  out.push_back(r);
-}
-
 // Flat faces: the mirror image times the share of Fresnel zones that the face's outline leaves.
 
-struct Face {
-  int id;
-  Vec3 normal;
-  std::vector<Vec3> corners;  ///< anticlockwise seen from outside
-};
-
-/// (1 - e^{-jkd}) / rho^2, whose limit at rho = 0 is finite because d falls like rho^2 there.
-std::complex<double> aperture(const Face& face, const Vec3& image, const Vec3& q, const Vec3& centre,
-                              double k) {
-  const double distance = glm::distance(image, q);
-  const Vec3 along = (q - image) / distance;
-  const auto [ex, ey] = across(along);
-  std::complex<double> sum = 0;
-  for (std::size_t i = 0; i < face.corners.size(); ++i) {
-    const Vec3 from = face.corners[i], edge = face.corners[(i + 1) % face.corners.size()] - from;
-    const glm::dvec2 p0{glm::dot(from - centre, ex), glm::dot(from - centre, ey)},
-        dp{glm::dot(edge, ex), glm::dot(edge, ey)};
-    const int panels = static_cast<int>(std::ceil(k * glm::length(edge) / 2)) + 1;
-    sum += (p0.x * dp.y - p0.y * dp.x) * integrate_unit(panels, [&](double t) {
-             const Vec3 p = from + t * edge;
-             const glm::dvec2 xy = p0 + t * dp;
-             const double detour = glm::distance(p, image) + glm::distance(p, q) - distance;
-             const double rho2 = std::max(glm::dot(xy, xy), 1e-18);
-             return (1.0 - std::polar(1.0, -k * detour)) / rho2;
-           });
+/// Corners of a face, anticlockwise seen from outside; a disc becomes a polygon.
+std::vector<Vec3> corners_of(const Face& face) {
+  if (!face.round)
+    return {face.middle - face.u - face.v, face.middle + face.u - face.v, face.middle + face.u + face.v,
+            face.middle - face.u + face.v};
+  std::vector<Vec3> corners;
+  for (int i = 0; i < kCapCorners; ++i) {
+    const double angle = 2 * kPi * i / kCapCorners;
+    corners.push_back(face.middle + std::cos(angle) * face.u + std::sin(angle) * face.v);
   }
-  return sum / (2 * kPi);
+  return corners;
 }
 
-void reflect_on_face(const Face& face, const Vec3& s, const Vec3& q, double k, std::vector<Reflection>& out) {
-  const double height_s = glm::dot(s - face.corners[0], face.normal),
-               height_q = glm::dot(q - face.corners[0], face.normal);
+void reflect_on_face(const Face& face, const Vec3& s, const Vec3& q, const EdgeOptics& optics,
+                     std::vector<Reflection>& out) {
+  const double height_s = glm::dot(s - face.middle, face.normal),
+               height_q = glm::dot(q - face.middle, face.normal);
   if (height_s <= 0 || height_q <= 0) return;
   const Vec3 image = s - 2 * height_s * face.normal;
   const Vec3 point = image + height_s / (height_s + height_q) * (q - image);
   const Legs legs(s, q, point);
   Reflection r{face.id, point, face.normal, legs.s1, legs.s2, -glm::dot(face.normal, legs.e1)};
-  r.window = aperture(face, image, q, point, k);
+  r.window = optics.aperture(face, image, q, point);
   r.spreading = r.window / glm::distance(image, q);
   r.caustic_m = legs.s1;
   out.push_back(r);
 }
 
-std::vector<Face> box_faces(const Body& body) {
-  std::vector<Face> faces;
+void reflect_on_box(const Body& body, const Vec3& s, const Vec3& q, const EdgeOptics& optics,
+                    std::vector<Reflection>& out) {
   for (int axis = 0; axis < 3; ++axis)
     for (int negative = 0; negative < 2; ++negative) {
       const double sign = negative ? -1 : 1;
       const int next = (axis + 1) % 3, last = (axis + 2) % 3;
-      const Vec3 out = sign * body.axes[axis];
-      const Vec3 u = body.half_m[next] * body.axes[next], v = sign * body.half_m[last] * body.axes[last];
-      const Vec3 middle = body.centre + body.half_m[axis] * out;
-      faces.push_back(
-          {2 * axis + negative, out, {middle - u - v, middle + u - v, middle + u + v, middle - u + v}});
+      const Vec3 outward = sign * body.axes[axis];
+      reflect_on_face(
+          {2 * axis + negative, outward, body.centre + body.half_m[axis] * outward,
+           body.half_m[next] * body.axes[next], sign * body.half_m[last] * body.axes[last], false},
+          s, q, optics, out);
     }
-  return faces;
 }
 
-std::vector<Face> cylinder_caps(const Body& body) {
-  std::vector<Face> caps;
+void reflect_on_caps(const Body& body, const Vec3& s, const Vec3& q, const EdgeOptics& optics,
+                     std::vector<Reflection>& out) {
   for (const int id : {kCylinderTop, kCylinderBottom}) {
     const double sign = id == kCylinderTop ? 1 : -1;
-    Face cap{id, sign * body.axes[2], {}};
-    for (int i = 0; i < kCapCorners; ++i) {
-      const double angle = 2 * kPi * i / kCapCorners;
-      cap.corners.push_back(body.centre + sign * body.half_m.z * body.axes[2] +
-                            body.half_m.x * std::cos(angle) * body.axes[0] +
-                            sign * body.half_m.x * std::sin(angle) * body.axes[1]);
-    }
-    caps.push_back(cap);
+    reflect_on_face({id, sign * body.axes[2], body.centre + sign * body.half_m.z * body.axes[2],
+                     body.half_m.x * body.axes[0], sign * body.half_m.x * body.axes[1], true},
+                    s, q, optics, out);
   }
-  return caps;
 }
 
 // Cylinder side: a plane problem across the axis; along it the ray runs straight.
 
 /// Angle at which the way from s over a circle of radius r to q is shortest; s and q lie outside the circle.
 double circle_minimum(const glm::dvec2& s, const glm::dvec2& q, double radius) {
-  const auto slope_at = [&](double angle) {  // derivative of the length
-    const glm::dvec2 n{std::cos(angle), std::sin(angle)}, t{-n.y, n.x}, p = radius * n;
-    return radius * glm::dot(t, glm::normalize(p - s) + glm::normalize(p - q));
-  };
-  // The minimum lies between the directions of s and q, on the shorter way round.
-  double low = std::atan2(s.y, s.x), turn = std::remainder(std::atan2(q.y, q.x) - low, 2 * kPi),
-         high = low + turn;
+  // The minimum lies between the directions of s and q, on the shorter way round: Newton's steps, kept in that bracket.
+  double low = std::atan2(s.y, s.x), high = low + std::remainder(std::atan2(q.y, q.x) - low, 2 * kPi);
   if (low > high) std::swap(low, high);
-  for (int i = 0; i < 100 && high - low > 1e-15; ++i) {
-    const double middle = (low + high) / 2;
-    (slope_at(middle) < 0 ? low : high) = middle;
+  double angle = (low + high) / 2;
+  for (int i = 0; i < 60 && high - low > 1e-14; ++i) {
+    const glm::dvec2 n{std::cos(angle), std::sin(angle)}, t{-n.y, n.x}, to_s = radius * n - s,
+                                                                        to_q = radius * n - q;
+    const double rho1 = glm::length(to_s), rho2 = glm::length(to_q);
+    const double t1 = glm::dot(t, to_s) / rho1, t2 = glm::dot(t, to_q) / rho2;
+    const double slope = t1 + t2;  // of the length, over the radius; below, its derivative
+    const double bend = radius * ((1 - t1 * t1) / rho1 + (1 - t2 * t2) / rho2) - glm::dot(n, to_s) / rho1 -
+                        glm::dot(n, to_q) / rho2;
+    if (std::abs(slope) < 1e-15) break;
+    (slope < 0 ? low : high) = angle;
+    const double next = bend > 0 ? angle - slope / bend : low;
+    angle = next > low && next < high ? next : (low + high) / 2;
   }
-  return (low + high) / 2;
+  return angle;
 }
 
 glm::dvec2 in_cross_section(const Body& body, const Vec3& p) {
@@ -223,7 +188,7 @@ glm::dvec2 in_cross_section(const Body& body, const Vec3& p) {
 }
 
 void reflect_on_side(const Body& body, const Vec3& s, const Vec3& q, double wavelength_m,
-                     std::vector<Reflection>& out) {
+                     const EdgeOptics& optics, std::vector<Reflection>& out) {
   const Vec3& axis = body.axes[2];
   const double radius = body.half_m.x;
   const glm::dvec2 s2d = in_cross_section(body, s), q2d = in_cross_section(body, q);
@@ -243,8 +208,8 @@ void reflect_on_side(const Body& body, const Vec3& s, const Vec3& q, double wave
                      legs.curvature(around, axis), legs.curvature(axis, axis)};
   const double infinite = r.cos_incidence / (r.s1_m * r.s2_m * std::sqrt(h.determinant()));
   const double per_metre = std::sqrt(2 * h.determinant() / h.xx / wavelength_m);
-  r.window =
-      edge_transition((body.half_m.z - z0) * per_metre) - edge_transition((-body.half_m.z - z0) * per_metre);
+  r.window = optics.transition((body.half_m.z - z0) * per_metre) -
+             optics.transition((-body.half_m.z - z0) * per_metre);
   r.spreading = infinite * r.window;
   r.caustic_m = caustic_distance(infinite * r.s1_m, r.s2_m);
   out.push_back(r);
@@ -277,25 +242,66 @@ double Body::support_m(const Vec3& w) const {
   return 0;
 }
 
+std::optional<Reflection> ellipsoid_reflection(const Body& body, const Vec3& u, const Vec3& s,
+                                               const Vec3& q) {
+  const Vec3& a = body.half_m;
+  const EllipsoidStep at = linearise(stretch_of(body), body.centre, u, s, q);
+  const Legs legs(s, q, at.point);
+  // The cofactor matrix of J carries the normal, and its length the stretch of area.
+  const Vec3 area = body.axes * Vec3{u.x * a.y * a.z, u.y * a.x * a.z, u.z * a.x * a.y};
+  const double stretch = glm::length(area), det = at.hessian.determinant();
+  Reflection r{kWholeSurface, at.point, area / stretch, legs.s1, legs.s2};
+  if (!legs.lights(r.normal) || det <= 0) return std::nullopt;
+  r.cos_incidence = -glm::dot(r.normal, legs.e1);
+  r.spreading = r.cos_incidence * stretch / (r.s1_m * r.s2_m * std::sqrt(det));
+  r.caustic_m = caustic_distance(std::abs(r.spreading) * r.s1_m, r.s2_m);
+  return r;
+}
+
+void add_edged_reflections(const Body& body, const Vec3& s, const Vec3& q, double wavelength_m,
+                           const EdgeOptics& optics, std::vector<Reflection>& out) {
+  if (body.shape == Shape::box) return reflect_on_box(body, s, q, optics, out);
+  reflect_on_caps(body, s, q, optics, out);
+  reflect_on_side(body, s, q, wavelength_m, optics, out);
+}
+
 std::vector<Reflection> reflections(const Body& body, const Vec3& s, const Vec3& q, double wavelength_m) {
   std::vector<Reflection> found;
-  const double k = 2 * kPi / wavelength_m;
-  switch (body.shape) {
-    case Shape::ellipsoid:
-      reflect_on_ellipsoid(body, s, q, found);
-      break;
-    case Shape::box:
-      for (const Face& face : box_faces(body)) reflect_on_face(face, s, q, k, found);
-      break;
-    case Shape::cylinder:
-      for (const Face& cap : cylinder_caps(body)) reflect_on_face(cap, s, q, k, found);
-      reflect_on_side(body, s, q, wavelength_m, found);
-      break;
+  if (body.shape == Shape::ellipsoid) {
+    const Vec3 u = ellipsoid_minimum(stretch_of(body), body.centre, s, q);
+    if (const auto r = ellipsoid_reflection(body, u, s, q)) found.push_back(*r);
+  } else {
+    add_edged_reflections(body, s, q, wavelength_m, ReferenceOptics(wavelength_m), found);
   }
   std::erase_if(found,
                 [](const Reflection& r) { return std::abs(r.spreading) * r.s1_m < kWeakestReflection; });
   return found;
 }
+
+std::complex<double> ReferenceOptics::aperture(const Face& face, const Vec3& image, const Vec3& q,
+                                               const Vec3& point) const {
+  const double distance = glm::distance(image, q), k = 2 * kPi / wavelength_m_;
+  const auto [ex, ey] = across((q - image) / distance);
+  const std::vector<Vec3> corners = corners_of(face);
+  std::complex<double> sum = 0;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const Vec3 from = corners[i], edge = corners[(i + 1) % corners.size()] - from;
+    const glm::dvec2 p0{glm::dot(from - point, ex), glm::dot(from - point, ey)},
+        dp{glm::dot(edge, ex), glm::dot(edge, ey)};
+    const int panels = static_cast<int>(std::ceil(k * glm::length(edge) / 2)) + 1;
+    sum += (p0.x * dp.y - p0.y * dp.x) * integrate_unit(panels, [&](double t) {
+             const Vec3 p = from + t * edge;
+             const glm::dvec2 xy = p0 + t * dp;
+             const double detour = glm::distance(p, image) + glm::distance(p, q) - distance;
+             // The quotient has a limit where the edge runs through the mirror point: detour falls like rho^2.
+             const double rho2 = std::max(glm::dot(xy, xy), 1e-18);
+             return (1.0 - std::polar(1.0, -k * detour)) / rho2;
+           });
+  }
+  return sum / (2 * kPi);
+}
+
+std::complex<double> ReferenceOptics::transition(double v) const { return edge_transition(v); }
 
 std::complex<double> edge_transition(double v) {
   // Integrate from 0 in panels short against the oscillation e^{-j pi t^2/2}; far out take the asymptotic

@@ -46,12 +46,51 @@ struct Reflection {
 /// Reflections weaker than this (|A| s1) are left out.
 inline constexpr double kWeakestReflection = 1e-5;
 
-/// All reflections of a body between S and Q; none where a side is not lit. Reference: plain, in double,
-/// iterated to the end.
+/// A flat part of a body: a rectangle middle +- u +- v, or the disc of radius |u| = |v|; u x v points outward.
+struct Face {
+  int id;
+  Vec3 normal, middle, u, v;
+  bool round;
+};
+
+/// The diffraction of edges, which costs most of the time: plainly or fast.
+class EdgeOptics {
+ public:
+  virtual ~EdgeOptics() = default;
+  /// The share of a mirror's ray that `face` reflects: the ray runs from `image` to `q` and meets the plane in `point`.
+  virtual std::complex<double> aperture(const Face& face, const Vec3& image, const Vec3& q,
+                                        const Vec3& point) const = 0;
+  /// edge_transition() below.
+  virtual std::complex<double> transition(double v) const = 0;
+};
+/// Quadrature to 1e-6 and better.
+class ReferenceOptics : public EdgeOptics {
+ public:
+  explicit ReferenceOptics(double wavelength_m) : wavelength_m_(wavelength_m) {}
+  std::complex<double> aperture(const Face&, const Vec3& image, const Vec3& q,
+                                const Vec3& point) const override;
+  std::complex<double> transition(double v) const override;
+
+ private:
+  double wavelength_m_;
+};
+
+/// All reflections of a body between S and Q; none where a side is not lit.
 std::vector<Reflection> reflections(const Body& body, const Vec3& s, const Vec3& q, double wavelength_m);
 
-/// Phi(v) = (1+j)/2 * integral of e^{-j pi t^2 / 2} from -infinity to v: 0 deep in shadow, 1/2 on the edge, 1
-/// in the open.
+// What that is made of, for the fast solver.
+
+/// The reflection on an ellipsoid at c + J u, u the unit vector where the way is shortest; nothing where not lit.
+std::optional<Reflection> ellipsoid_reflection(const Body& body, const Vec3& u, const Vec3& s, const Vec3& q);
+/// Those of a box or a cylinder.
+void add_edged_reflections(const Body& body, const Vec3& s, const Vec3& q, double wavelength_m,
+                           const EdgeOptics& optics, std::vector<Reflection>& out);
+/// J: maps the unit sphere to the ellipsoid about its centre.
+inline Mat3 stretch_of(const Body& body) {
+  return {body.axes[0] * body.half_m.x, body.axes[1] * body.half_m.y, body.axes[2] * body.half_m.z};
+}
+
+/// Phi(v) = (1+j)/2 * integral of e^{-j pi t^2 / 2} from -infinity to v: 0 deep in shadow, 1/2 on the edge, 1 in the open.
 std::complex<double> edge_transition(double v);
 
 }  // namespace csipose::sim

@@ -8,6 +8,7 @@
 #include "proto/result.h"
 #include "sim/atomic_file.h"
 #include "sim/commands.h"
+#include "sim/fast_solver.h"
 #include "sim/reference_solver.h"
 #include "sim/scene_file.h"
 
@@ -16,6 +17,7 @@ namespace {
 
 struct SolveOptions {
   std::filesystem::path scene, out, paths;
+  bool reference = false;
 };
 
 std::string json_line(const Path& path, int snapshot, std::size_t receiver, std::size_t antenna) {
@@ -45,13 +47,20 @@ void write_paths(const Scene& scene, const std::filesystem::path& file) {
   out.commit();
 }
 
-void solve(const SolveOptions& options) {
-  const Scene scene = read_scene(options.scene);
-  const auto h = solve_reference(scene);
-  const NpyShape row{scene.tones.size(), scene.receivers.size(), scene.receivers[0].size()};
-  NpyWriter<std::complex<double>> out(options.out, row);
+template <class Number>
+void write_channel(const std::filesystem::path& file, const NpyShape& row, const std::vector<Number>& h) {
+  NpyWriter<Number> out(file, row);
   out.append(h);
   out.finish();
+}
+
+void solve(const SolveOptions& options) {
+  const Scene scene = read_scene(options.scene);
+  const NpyShape row{scene.tones.size(), scene.receivers.size(), scene.receivers[0].size()};
+  if (options.reference)
+    write_channel<std::complex<double>>(options.out, row, solve_reference(scene));
+  else
+    write_channel<std::complex<float>>(options.out, row, solve_fast(scene));
   if (!options.paths.empty()) write_paths(scene, options.paths);
   fmt::print("{}: {} snapshots x {} subcarriers x {} receivers x {} antennas\n", options.out.string(),
              scene.snapshots, row[0], row[1], row[2]);
@@ -64,8 +73,11 @@ void add_solve(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "solve", "one stated scene in, its channel H[snapshot][subcarrier][rx][antenna] out");
   command->add_option("scene", options->scene, "scene as JSON: docs/simulator-scene.md")->required();
-  command->add_option("--out", options->out, "NumPy file to write, complex128")->required();
-  command->add_option("--paths", options->paths, "also write every path, one JSON line each, to this file");
+  command->add_option("--out", options->out, "NumPy file to write: complex64, with --reference complex128")
+      ->required();
+  command->add_flag("--reference", options->reference, "plainly, in double precision, antenna by antenna");
+  command->add_option("--paths", options->paths,
+                      "also write every path of the reference solver, one JSON line each, to this file");
   command->callback([options] { solve(*options); });
 }
 

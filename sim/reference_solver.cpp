@@ -2,9 +2,9 @@
 
 #include <cmath>
 #include <numbers>
-#include <optional>
 
 #include "proto/intel5300.h"
+#include "sim/pairs.h"
 #include "sim/shadow.h"
 
 namespace csipose::sim {
@@ -44,59 +44,21 @@ void add_wall_paths(const Scene& scene, const std::vector<Body>& bodies, const A
   }
 }
 
-/// Which wall, if any, lies between an antenna and a body.
-using OptionalWall = std::optional<Wall>;
-
-struct Pair {
-  OptionalWall before, after;
-};
-
-std::vector<Pair> pairs_of(const Scene& scene) {
-  std::vector<Pair> pairs{{}};
-  if (!scene.walls || scene.pairs == 1) return pairs;
-  for (std::size_t w = 0; w < kWalls; ++w) pairs.push_back({static_cast<Wall>(w), {}});
-  for (std::size_t w = 0; w < kWalls; ++w) pairs.push_back({{}, static_cast<Wall>(w)});
-  for (std::size_t i = 0; scene.pairs == 49 && i < kWalls * kWalls; ++i)
-    pairs.push_back({static_cast<Wall>(i / kWalls), static_cast<Wall>(i % kWalls)});
-  return pairs;
-}
-
-/// Shadows of the leg or two legs between `from` and `to`; `own` does not shadow the leg that touches it.
-std::complex<double> shadow_between(const std::vector<Body>& bodies, const Vec3& from,
-                                    const std::optional<Vec3>& bend, const Vec3& to, double before_m,
-                                    double total_m, int own, bool own_at_end, double lambda_m) {
-  if (!bend) return shadow_of(bodies, {from, to, before_m, total_m}, own, lambda_m);
-  const double middle_m = before_m + glm::distance(from, *bend);
-  return shadow_of(bodies, {from, *bend, before_m, total_m}, own_at_end ? -1 : own, lambda_m) *
-         shadow_of(bodies, {*bend, to, middle_m, total_m}, own_at_end ? own : -1, lambda_m);
-}
-
 Path body_path(const Scene& scene, const std::vector<Body>& bodies, int own, const Pair& pair,
                const Reflection& r, const Vec3& source, const Vec3& sink, const Antenna& rx) {
-  const Vec3& tx = scene.transmitter.position;
   const double lambda_m = scene.wavelength_m();
-  std::vector<Vec3> points{tx};
-  std::vector<Bounce> bounces;
-  std::optional<Vec3> bend_before, bend_after;
-  if (pair.before) {
-    points.push_back(*(bend_before = crossing(scene.room, *pair.before, source, r.point)));
-    bounces.push_back({inward_normal(*pair.before), scene.room.surface(*pair.before)});
-  }
-  points.push_back(r.point);
-  bounces.push_back({r.normal, bodies[static_cast<std::size_t>(own)].surface});
-  if (pair.after) {
-    points.push_back(*(bend_after = crossing(scene.room, *pair.after, r.point, sink)));
-    bounces.push_back({inward_normal(*pair.after), scene.room.surface(*pair.after)});
-  }
-  points.push_back(rx.position);
-
+  const BodyWay way = body_way(scene, pair, r, source, sink, rx.position);
+  const Surface& surface = bodies[static_cast<std::size_t>(own)].surface;
   Path path;
   path.length_m = r.s1_m + r.s2_m;
-  path.amplitude =
-      free_space(scene) * r.spreading * field_gain(scene.transmitter, rx, points, bounces, lambda_m);
-  path.shadow = shadow_between(bodies, tx, bend_before, r.point, 0, r.s1_m, own, true, lambda_m) *
-                shadow_between(bodies, r.point, bend_after, rx.position, r.caustic_m, r.caustic_m + r.s2_m,
-                               own, false, lambda_m);
+  path.amplitude = free_space(scene) * r.spreading *
+                   field_gain(scene.transmitter, rx, way.points_span(), way.normals_span(),
+                              [&](std::size_t i, double cosine) {
+                                return (i == way.body_bounce ? surface : scene.room.walls[way.wall_of(i)])
+                                    .reflection(cosine, lambda_m);
+                              });
+  for (std::size_t i = 0; i < way.legs; ++i)
+    path.shadow *= shadow_of(bodies, way.leg(i, r), way.touches_body(i) ? own : -1, lambda_m);
   path.body = own;
   path.face = r.face;
   if (pair.before) path.wall_before = static_cast<int>(*pair.before);
@@ -108,9 +70,7 @@ void add_body_paths(const Scene& scene, const std::vector<Body>& bodies, const A
                     std::vector<Path>& out) {
   for (std::size_t b = 0; b < bodies.size(); ++b)
     for (const Pair& pair : pairs_of(scene)) {
-      const Vec3& tx = scene.transmitter.position;
-      const Vec3 source = pair.before ? mirrored_in(scene.room, *pair.before, tx) : tx;
-      const Vec3 sink = pair.after ? mirrored_in(scene.room, *pair.after, rx.position) : rx.position;
+      const Vec3 source = source_of(scene, pair), sink = sink_of(scene, pair, rx.position);
       for (const Reflection& r : reflections(bodies[b], source, sink, scene.wavelength_m()))
         out.push_back(body_path(scene, bodies, static_cast<int>(b), pair, r, source, sink, rx));
     }

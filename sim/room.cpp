@@ -83,16 +83,11 @@ Vec3 crossing(const Room& room, Wall wall, const Vec3& from, const Vec3& to) {
 
 std::complex<double> field_gain(const Antenna& tx, const Antenna& rx, std::span<const Vec3> points,
                                 std::span<const Bounce> bounces, double wavelength_m) {
-  assert(points.size() == bounces.size() + 2);
-  Vec3 k = glm::normalize(points[1] - points[0]);
-  Field field{antenna_field(tx.pattern, tx.axis, k), {}};
-  for (std::size_t i = 0; i < bounces.size(); ++i) {
-    const Bounce& bounce = bounces[i];
-    field = reflected(field, k, bounce.normal,
-                      bounce.surface.reflection(-glm::dot(k, bounce.normal), wavelength_m));
-    k = mirrored(k, bounce.normal);
-  }
-  return field.along(antenna_field(rx.pattern, rx.axis, -k));
+  std::vector<Vec3> normals;
+  for (const Bounce& bounce : bounces) normals.push_back(bounce.normal);
+  return field_gain(tx, rx, points, normals, [&](std::size_t i, double cosine) {
+    return bounces[i].surface.reflection(cosine, wavelength_m);
+  });
 }
 
 std::vector<WallPath> wall_paths(const Room& room, const Vec3& tx, const Vec3& rx, int order) {

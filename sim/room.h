@@ -6,6 +6,7 @@
 // path needs a validity test.
 #pragma once
 
+#include <cassert>
 #include <glm/ext/vector_int3.hpp>
 #include <span>
 #include <vector>
@@ -49,8 +50,20 @@ struct Bounce {
   Surface surface;
 };
 
-/// C_R^T M C_T: antenna fields and reflections along points[0] (transmitter) ... points.back() (receiver); no
-/// spreading, no delay. points.size() == bounces.size() + 2.
+/// C_R^T M C_T: antenna fields and reflections along points[0] (transmitter) ... points.back() (receiver); no spreading,
+/// no delay. points.size() == normals + 2; `coefficients(i, cosine)` is what reflection i gives back.
+template <class Coefficients>
+std::complex<double> field_gain(const Antenna& tx, const Antenna& rx, std::span<const Vec3> points,
+                                std::span<const Vec3> normals, const Coefficients& coefficients) {
+  assert(points.size() == normals.size() + 2);
+  Vec3 k = glm::normalize(points[1] - points[0]);
+  Field field{antenna_field(tx.pattern, tx.axis, k), {}};
+  for (std::size_t i = 0; i < normals.size(); ++i) {
+    field = reflected(field, k, normals[i], coefficients(i, -glm::dot(k, normals[i])));
+    k = mirrored(k, normals[i]);
+  }
+  return field.along(antenna_field(rx.pattern, rx.axis, -k));
+}
 std::complex<double> field_gain(const Antenna& tx, const Antenna& rx, std::span<const Vec3> points,
                                 std::span<const Bounce> bounces, double wavelength_m);
 

@@ -9,28 +9,7 @@
 namespace csipose::sim {
 namespace {
 using namespace std::complex_literals;
-using Vec2 = glm::dvec2;
 constexpr double kPi = std::numbers::pi;
-
-/// The leg as seen from the body: where the body is along it, how far off, and the scale of the Fresnel zones
-/// there.
-struct View {
-  Vec3 along{}, off{};  ///< unit direction; centre minus foot point on the leg
-  double x = 0, length = 0, distance = 0;
-  double per_metre = 0;  ///< s: scaled coordinate per metre across
-};
-
-View view(const Body& body, const Leg& leg, double wavelength_m) {
-  View v;
-  v.length = glm::distance(leg.from, leg.to);
-  v.along = (leg.to - leg.from) / v.length;
-  v.x = glm::dot(body.centre - leg.from, v.along);
-  v.off = body.centre - leg.from - v.x * v.along;
-  v.distance = glm::length(v.off);
-  const double d1 = std::max(leg.before_m + v.x, 0.05), d2 = std::max(leg.total_m - leg.before_m - v.x, 0.05);
-  v.per_metre = std::sqrt(2 / wavelength_m * (1 / d1 + 1 / d2));
-  return v;
-}
 
 /// (1 - e^{-j pi rho^2 / 2}) / rho^2
 std::complex<double> kernel(const Vec2& p) {
@@ -103,40 +82,10 @@ std::vector<Vec3> rim_points(const Body& body) {
   return points;
 }
 
-struct Basis {
-  Vec3 u, v;
-};
-Basis across(const Vec3& along) {
-  const Vec3 other = std::abs(along.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
-  const Vec3 u = glm::normalize(glm::cross(other, along));
-  return {u, glm::cross(along, u)};
-}
-
-std::complex<double> ellipsoid_outline(const Body& body, const View& view, const Basis& basis) {
-  // The outline of {J u} across the leg is the ellipse with matrix M = (P J)(P J)^T; its Cholesky factor's
-  // columns are a pair of conjugate half axes.
-  const Mat3 j{body.axes[0] * body.half_m.x, body.axes[1] * body.half_m.y, body.axes[2] * body.half_m.z};
-  const Vec3 ju = glm::transpose(j) * basis.u, jv = glm::transpose(j) * basis.v;
-  const double l11 = glm::length(ju), l21 = glm::dot(ju, jv) / l11;
-  const double l22 = std::sqrt(std::max(glm::dot(jv, jv) - l21 * l21, 0.0));
-  const Vec2 centre{glm::dot(view.off, basis.u), glm::dot(view.off, basis.v)};
-  return ellipse_contour(view.per_metre * centre, view.per_metre * Vec2{l11, l21},
-                         view.per_metre * Vec2{0, l22});
-}
-
-std::complex<double> hull_outline(const Body& body, const Leg& leg, const View& view, const Basis& basis) {
-  std::vector<Vec2> corners;
-  for (const Vec3& p : rim_points(body))
-    corners.push_back(view.per_metre *
-                      Vec2{glm::dot(p - leg.from, basis.u), glm::dot(p - leg.from, basis.v)});
-  return polygon_contour(convex_hull(std::move(corners)));
-}
-
-std::complex<double> contour_shadow(const Body& body, const Leg& leg, const View& v) {
-  const Basis basis = across(v.along);
-  const std::complex<double> integral =
-      body.shape == Shape::ellipsoid ? ellipsoid_outline(body, v, basis) : hull_outline(body, leg, v, basis);
-  return 1.0 - integral / (2 * kPi);
+std::complex<double> contour_shadow(const Body& body, const Leg& leg, const ShadowView& view) {
+  if (body.shape != Shape::ellipsoid) return 1.0 - polygon_contour(hull_outline(body, leg, view)) / (2 * kPi);
+  const OutlineEllipse e = ellipsoid_outline(body, view);
+  return 1.0 - ellipse_contour(e.centre, e.first, e.second) / (2 * kPi);
 }
 
 }  // namespace
@@ -146,24 +95,54 @@ double smooth_step(double t) {
   return t * t * t * (10 - 15 * t + 6 * t * t);
 }
 
+ShadowView shadow_view(const Body& body, const Leg& leg, double wavelength_m) {
+  ShadowView v;
+  const double length = glm::distance(leg.from, leg.to);
+  v.along = (leg.to - leg.from) / length;
+  const double x = glm::dot(body.centre - leg.from, v.along);
+  v.off = body.centre - leg.from - x * v.along;
+  const double d1 = std::max(leg.before_m + x, 0.05), d2 = std::max(leg.total_m - leg.before_m - x, 0.05);
+  v.per_metre = std::sqrt(2 / wavelength_m * (1 / d1 + 1 / d2));
+  const Vec3 other = std::abs(v.along.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
+  v.u = glm::normalize(glm::cross(other, v.along));
+  v.v = glm::cross(v.along, v.u);
+
+  // A body behind either end of the leg dims nothing; it fades in as it comes between.
+  const double radius = body.bounding_radius_m(), distance = glm::length(v.off);
+  const double ends =
+      smooth_step((x + radius) / (2 * radius)) * smooth_step((length - x + radius) / (2 * radius));
+  // In the open beside a smooth body its reflection already carries the edge wave: the outline's part is blended out.
+  const double reach = distance > 0 ? body.support_m(v.off / distance) : radius;
+  v.weight = ends * (1 - smooth_step(((distance - reach) * v.per_metre - 2) / 2));
+  return v;
+}
+
+OutlineEllipse ellipsoid_outline(const Body& body, const ShadowView& view) {
+  // The outline of {J u} across the leg is the ellipse with matrix M = (P J)(P J)^T; its Cholesky factor's columns are a
+  // pair of conjugate half axes.
+  const Mat3 j = stretch_of(body);
+  const Vec3 ju = glm::transpose(j) * view.u, jv = glm::transpose(j) * view.v;
+  const double l11 = glm::length(ju), l21 = glm::dot(ju, jv) / l11;
+  const double l22 = std::sqrt(std::max(glm::dot(jv, jv) - l21 * l21, 0.0));
+  const Vec2 centre{glm::dot(view.off, view.u), glm::dot(view.off, view.v)};
+  return {view.per_metre * centre, view.per_metre * Vec2{l11, l21}, view.per_metre * Vec2{0, l22}};
+}
+
+std::vector<Vec2> hull_outline(const Body& body, const Leg& leg, const ShadowView& view) {
+  std::vector<Vec2> corners;
+  for (const Vec3& p : rim_points(body))
+    corners.push_back(view.per_metre * Vec2{glm::dot(p - leg.from, view.u), glm::dot(p - leg.from, view.v)});
+  return convex_hull(std::move(corners));
+}
+
 std::complex<double> contour_shadow(const Body& body, const Leg& leg, double wavelength_m) {
-  return contour_shadow(body, leg, view(body, leg, wavelength_m));
+  return contour_shadow(body, leg, shadow_view(body, leg, wavelength_m));
 }
 
 std::complex<double> shadow_factor(const Body& body, const Leg& leg, double wavelength_m) {
-  const View v = view(body, leg, wavelength_m);
-  const double radius = body.bounding_radius_m();
-  // A body behind either end of the leg dims nothing; it fades in as it comes between.
-  const double ends =
-      smooth_step((v.x + radius) / (2 * radius)) * smooth_step((v.length - v.x + radius) / (2 * radius));
-  if (ends <= 0) return 1;
-  const double reach = v.distance > 0 ? body.support_m(v.off / v.distance) : radius;
-  // In the open beside a smooth body its reflection already carries the edge wave: the outline's part is
-  // blended out.
-  const double clearance = (v.distance - reach) * v.per_metre;
-  const double open = smooth_step((clearance - 2) / 2);
-  if (open >= 1) return 1;
-  return 1.0 + ends * (1 - open) * (contour_shadow(body, leg, v) - 1.0);
+  const ShadowView view = shadow_view(body, leg, wavelength_m);
+  if (view.weight <= 0) return 1;
+  return 1.0 + view.weight * (contour_shadow(body, leg, view) - 1.0);
 }
 
 }  // namespace csipose::sim

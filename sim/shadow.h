@@ -15,11 +15,28 @@ struct Leg {
   double total_m = 0;   ///< ... and to the end of the unfolded path
 };
 
-/// F without the blend: the outline's integral, whatever the distance. Reference quadrature (error below
-/// 1e-6).
+/// A body as seen along a leg.
+struct ShadowView {
+  Vec3 along{}, u{}, v{};  ///< the leg's direction and two across it, right-handed
+  Vec3 off{};              ///< from the leg's nearest point to the body's centre
+  double per_metre = 0;    ///< s: scaled coordinate per metre across; the Fresnel zones there
+  double weight = 0;       ///< how much of F - 1 counts: 0 in the open and behind the leg's ends
+};
+ShadowView shadow_view(const Body& body, const Leg& leg, double wavelength_m);
+
+using Vec2 = glm::dvec2;
+/// A body's outline, scaled, with the ray at the origin: centre + cos first + sin second.
+struct OutlineEllipse {
+  Vec2 centre, first, second;
+};
+OutlineEllipse ellipsoid_outline(const Body& body, const ShadowView& view);
+/// Corners, anticlockwise, of a box, or of a cylinder with its rims as polygons.
+std::vector<Vec2> hull_outline(const Body& body, const Leg& leg, const ShadowView& view);
+
+/// F without the blend: the outline's integral, whatever the distance. Reference quadrature (error below 1e-6).
 std::complex<double> contour_shadow(const Body& body, const Leg& leg, double wavelength_m);
 
-/// The factor on the leg: 1 where the body is clear of it, by at least some four Fresnel zones' clearance.
+/// The factor on the leg: 1 where the body is clear of it by about four Fresnel zones.
 std::complex<double> shadow_factor(const Body& body, const Leg& leg, double wavelength_m);
 
 /// Quintic step: 0 below 0, 1 above 1, two continuous derivatives. Also the minimum-jerk profile of motion.

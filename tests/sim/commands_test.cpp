@@ -83,6 +83,8 @@ TEST_F(Commands, SolveWritesTheChannelAndEveryPath) {
   const Outcome done =
       run("solve " + (folder_ / "s.json").string() + " --out " + h.string() + " --paths " + paths.string());
   ASSERT_EQ(done.status, 0) << done.words;
+  EXPECT_EQ(read_npy<std::complex<float>>(h).shape, (NpyShape{2, 1, 1, 1}));
+  ASSERT_EQ(run("solve --reference " + (folder_ / "s.json").string() + " --out " + h.string()).status, 0);
   EXPECT_EQ(read_npy<std::complex<double>>(h).shape, (NpyShape{2, 1, 1, 1}));
   const std::string lines = bytes(paths);
   EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 4);  // two snapshots: direct, and by the ball

@@ -1,0 +1,402 @@
+#include "sim/fast_solver.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <optional>
+
+#include "sim/fast_optics.h"
+#include "sim/pairs.h"
+
+namespace csipose::sim {
+namespace {
+constexpr double kPi = std::numbers::pi;
+constexpr std::size_t kTonesPerSum = 32;
+constexpr float kNewtonFound =
+    1e-4f;  // |T^T g| above this: three updates did not find it, the reference solver must
+constexpr double kFarAway_m = 1e6;  // padding of columns: near nothing
+
+float f(double x) { return static_cast<float>(x); }
+
+/// Which snapshots are computed in full, and how the others follow from them: cubic in time through the four nearest.
+class KeySnapshots {
+ public:
+  explicit KeySnapshots(std::size_t snapshots) {
+    for (std::size_t t = 0; t < snapshots; t += 2) keys_.push_back(t);
+    if (snapshots > 0 && keys_.back() != snapshots - 1) keys_.push_back(snapshots - 1);
+    for (std::size_t t = 0; t < snapshots; ++t) blends_.push_back(blend_at(t));
+  }
+  struct Blend {
+    std::size_t first = 0, count = 0;  ///< keys
+    std::array<float, 4> weight{};
+  };
+  const std::vector<std::size_t>& keys() const { return keys_; }
+  const Blend& blend(std::size_t t) const { return blends_[t]; }
+
+ private:
+  Blend blend_at(std::size_t t) const {
+    Blend blend;
+    blend.count = std::min<std::size_t>(4, keys_.size());
+    const std::size_t after =
+        static_cast<std::size_t>(std::lower_bound(keys_.begin(), keys_.end(), t) - keys_.begin());
+    blend.first = std::min(after > 2 ? after - 2 : 0, keys_.size() - blend.count);
+    for (std::size_t i = 0; i < blend.count; ++i) {  // Lagrange
+      double weight = 1;
+      const double ti = static_cast<double>(keys_[blend.first + i]);
+      for (std::size_t j = 0; j < blend.count; ++j) {
+        const double tj = static_cast<double>(keys_[blend.first + j]);
+        if (j != i) weight *= (static_cast<double>(t) - tj) / (ti - tj);
+      }
+      blend.weight[i] = f(weight);
+    }
+    return blend;
+  }
+
+  std::vector<std::size_t> keys_;
+  std::vector<Blend> blends_;
+};
+
+/// Legs of all wall paths to all antennas, as rows and as the kernels' columns.
+struct LegTable {
+  std::vector<Leg> rows;
+  std::vector<std::uint32_t> path;  ///< of each row: antenna * paths + path
+  std::array<std::vector<float>, 9> columns;
+
+  void add(const Leg& leg, std::uint32_t path_index) {
+    rows.push_back(leg);
+    path.push_back(path_index);
+    const double length_m = glm::distance(leg.from, leg.to);
+    const Vec3 along = (leg.to - leg.from) / length_m;
+    push(
+        {leg.from.x, leg.from.y, leg.from.z, along.x, along.y, along.z, length_m, leg.before_m, leg.total_m});
+  }
+  void pad() {
+    while (columns[0].size() % 16 != 0) push({kFarAway_m, kFarAway_m, kFarAway_m, 1, 0, 0, 0, 0, 1});
+  }
+  LegColumns view() const {
+    const auto& c = columns;
+    return {c[0].data(), c[1].data(), c[2].data(), c[3].data(), c[4].data(),
+            c[5].data(), c[6].data(), c[7].data(), c[8].data(), static_cast<int>(c[0].size())};
+  }
+
+ private:
+  void push(const std::array<double, 9>& row) {
+    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(f(row[i]));
+  }
+};
+
+/// Bounding balls of one snapshot's bodies, padded.
+struct BallTable {
+  std::array<std::vector<float>, 4> columns;
+
+  explicit BallTable(const std::vector<Body>& bodies) {
+    for (const Body& body : bodies)
+      push({body.centre.x, body.centre.y, body.centre.z, body.bounding_radius_m()});
+    while (columns[0].size() % 16 != 0) push({kFarAway_m, kFarAway_m, kFarAway_m, 0});
+  }
+  BallColumns view() const {
+    return {columns[0].data(), columns[1].data(), columns[2].data(), columns[3].data(),
+            static_cast<int>(columns[0].size())};
+  }
+
+ private:
+  void push(const std::array<double, 4>& row) {
+    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(f(row[i]));
+  }
+};
+
+/// One question to the ellipsoid kernel.
+struct EllipsoidTask {
+  std::size_t body, pair, receiver;
+  Vec3 source, sink;
+};
+
+}  // namespace
+
+class FastSolver::Impl {
+ public:
+  Impl(const Scene& scene, const FastKernels& kernels);
+  void solve(std::span<const std::vector<Body>> bodies, std::span<std::complex<float>> out);
+
+ private:
+  using Snapshots = std::span<const std::vector<Body>>;
+  using Factor = std::complex<float>;
+
+  void add_wall_row(std::uint32_t path_index, std::size_t antenna, const WallPath& way);
+  ToneSum* sum_at(std::size_t t, std::size_t antenna) {
+    return &sums_[(t * antennas_.size() + antenna) * blocks_];
+  }
+  const FresnelTable& table_of(const Surface& surface);
+
+  void compute_shadows(Snapshots bodies, const KeySnapshots& keys);
+  void apply_shadows(std::size_t snapshots, const KeySnapshots& keys);
+  void add_bodies(const std::vector<Body>& bodies, std::size_t t);
+  void reflect_on_ellipsoids(const std::vector<Body>& bodies, const std::vector<EllipsoidTask>& tasks,
+                             std::size_t t);
+  void add_reflection(const std::vector<Body>& bodies, const Reflection& r, const EllipsoidTask& task,
+                      std::size_t t);
+  std::complex<double> leg_shadow(const std::vector<Body>& bodies, const Leg& leg, std::size_t own,
+                                  bool touches_own);
+  void write(std::size_t snapshots, std::span<std::complex<float>> out) const;
+
+  Scene scene_;
+  const FastKernels& kernels_;
+  double lambda_m_;
+  FastOptics optics_;
+  std::vector<Antenna> antennas_, middles_;  ///< receiver by receiver; and each receiver's middle
+  std::size_t per_receiver_, blocks_, paths_ = 0;
+  std::vector<float> offsets_hz_;
+  std::vector<Pair> pairs_;
+  LegTable legs_;
+  std::vector<ToneSum> rows_;        ///< [antenna][path][block]
+  std::vector<ToneSum> static_sum_;  ///< [antenna][block]
+  std::vector<FresnelTable> wall_tables_;
+  std::vector<std::pair<Surface, FresnelTable>> body_tables_;
+
+  // Of the solve at hand.
+  std::vector<ToneSum> sums_;    ///< [snapshot][antenna][block]
+  std::vector<Factor> factors_;  ///< [path][key]
+  std::vector<char> shadowed_;   ///< [path]
+  std::vector<std::uint32_t> near_;
+  std::optional<BallTable> balls_;
+  std::vector<Reflection> found_;
+};
+
+FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
+    : scene_(scene),
+      kernels_(kernels),
+      lambda_m_(scene.wavelength_m()),
+      optics_(kernels, lambda_m_),
+      per_receiver_(scene.receivers[0].size()),
+      blocks_((scene.tones.size() + kTonesPerSum - 1) / kTonesPerSum),
+      offsets_hz_(blocks_ * kTonesPerSum),
+      pairs_(pairs_of(scene)) {
+  scene_.bodies.clear();
+  for (std::size_t k = 0; k < scene.tones.size(); ++k) offsets_hz_[k] = f(scene.tones[k] * kToneSpacing_hz);
+  for (const Surface& wall : scene.room.walls) wall_tables_.emplace_back(wall, lambda_m_);
+  for (const auto& receiver : scene.receivers) {
+    antennas_.insert(antennas_.end(), receiver.begin(), receiver.end());
+    middles_.push_back(receiver[0]);
+    middles_.back().position = (receiver.front().position + receiver.back().position) / 2.0;
+  }
+  for (std::size_t a = 0; a < antennas_.size(); ++a) {
+    const auto ways = wall_paths(scene.room, scene.transmitter.position, antennas_[a].position,
+                                 scene.walls ? scene.wall_order : 0);
+    paths_ = ways.size();
+    if (a == 0)
+      rows_.resize(antennas_.size() * paths_ * blocks_), static_sum_.resize(antennas_.size() * blocks_);
+    for (std::size_t p = 0; p < paths_; ++p)
+      add_wall_row(static_cast<std::uint32_t>(a * paths_ + p), a, ways[p]);
+  }
+  legs_.pad();
+}
+
+void FastSolver::Impl::add_wall_row(std::uint32_t path_index, std::size_t antenna, const WallPath& way) {
+  const std::complex<double> amplitude = lambda_m_ / (4 * kPi) / way.length_m *
+                                         field_gain(scene_.transmitter, antennas_[antenna], way.points,
+                                                    bounces_of(scene_.room, way.walls), lambda_m_);
+  for (std::size_t k = 0; k < scene_.tones.size(); ++k) {
+    const double hz = scene_.carrier_hz + scene_.tones[k] * kToneSpacing_hz;
+    const auto h =
+        amplitude * std::polar(1.0, -2 * kPi * std::fmod(hz / kSpeedOfLight_m_s * way.length_m, 1.0));
+    const std::size_t block = k / kTonesPerSum, lane = k % kTonesPerSum;
+    ToneSum &row = rows_[path_index * blocks_ + block], &total = static_sum_[antenna * blocks_ + block];
+    row.re[lane] = f(h.real()), row.im[lane] = f(h.imag());
+    total.re[lane] += row.re[lane], total.im[lane] += row.im[lane];
+  }
+  double before_m = 0;
+  for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
+    legs_.add({way.points[i], way.points[i + 1], before_m, way.length_m}, path_index);
+    before_m += glm::distance(way.points[i], way.points[i + 1]);
+  }
+}
+
+const FresnelTable& FastSolver::Impl::table_of(const Surface& surface) {
+  for (const auto& [known, table] : body_tables_)
+    if (known.eta == surface.eta && known.thickness_m == surface.thickness_m) return table;
+  body_tables_.emplace_back(surface, FresnelTable(surface, lambda_m_));
+  return body_tables_.back().second;
+}
+
+void FastSolver::Impl::solve(Snapshots bodies, std::span<std::complex<float>> out) {
+  assert(out.size() == bodies.size() * scene_.tones.size() * antennas_.size());
+  sums_.clear();
+  for (std::size_t t = 0; t < bodies.size(); ++t)
+    sums_.insert(sums_.end(), static_sum_.begin(), static_sum_.end());
+  const KeySnapshots keys(bodies.size());
+  compute_shadows(bodies, keys);
+  apply_shadows(bodies.size(), keys);
+  for (std::size_t t = 0; t < bodies.size(); ++t) add_bodies(bodies[t], t);
+  write(bodies.size(), out);
+}
+
+void FastSolver::Impl::compute_shadows(Snapshots bodies, const KeySnapshots& keys) {
+  const std::size_t all = antennas_.size() * paths_, key_count = keys.keys().size();
+  factors_.assign(all * key_count, 1.0f);
+  shadowed_.assign(all, 0);
+  near_.resize(legs_.columns[0].size() + 16);
+  for (std::size_t key = 0; key < key_count; ++key)
+    for (const Body& body : bodies[keys.keys()[key]]) {
+      const Ball ball{f(body.centre.x), f(body.centre.y), f(body.centre.z), f(body.bounding_radius_m())};
+      const int count = kernels_.near_legs(legs_.view(), ball, f(2 / lambda_m_), near_.data());
+      for (int i = 0; i < count; ++i) {
+        const std::uint32_t leg = near_[static_cast<std::size_t>(i)], path = legs_.path[leg];
+        const std::complex<double> shadow = optics_.shadow(body, legs_.rows[leg]);
+        if (shadow == 1.0) continue;
+        factors_[path * key_count + key] *= Factor(shadow);
+        shadowed_[path] = 1;
+      }
+    }
+}
+
+void FastSolver::Impl::apply_shadows(std::size_t snapshots, const KeySnapshots& keys) {
+  const std::size_t key_count = keys.keys().size();
+  for (std::size_t path = 0; path < shadowed_.size(); ++path) {
+    if (!shadowed_[path]) continue;
+    for (std::size_t t = 0; t < snapshots; ++t) {
+      const auto& blend = keys.blend(t);
+      Factor change = -1.0f;
+      for (std::size_t i = 0; i < blend.count; ++i)
+        change += blend.weight[i] * factors_[path * key_count + blend.first + i];
+      ToneSum* sum = sum_at(t, path / paths_);
+      for (std::size_t b = 0; b < blocks_; ++b)
+        kernels_.add_scaled(sum[b], change.real(), change.imag(), rows_[path * blocks_ + b]);
+    }
+  }
+}
+
+void FastSolver::Impl::add_bodies(const std::vector<Body>& bodies, std::size_t t) {
+  balls_.emplace(bodies);
+  near_.resize(std::max(near_.size(), balls_->columns[0].size() + 16));
+  std::vector<EllipsoidTask> ellipsoids;
+  for (std::size_t r = 0; r < middles_.size(); ++r)
+    for (std::size_t b = 0; b < bodies.size(); ++b)
+      for (std::size_t p = 0; p < pairs_.size(); ++p) {
+        const EllipsoidTask task{b, p, r, source_of(scene_, pairs_[p]),
+                                 sink_of(scene_, pairs_[p], middles_[r].position)};
+        if (bodies[b].shape == Shape::ellipsoid) {
+          ellipsoids.push_back(task);
+          continue;
+        }
+        found_.clear();
+        add_edged_reflections(bodies[b], task.source, task.sink, lambda_m_, optics_, found_);
+        for (const Reflection& found : found_) add_reflection(bodies, found, task, t);
+      }
+  reflect_on_ellipsoids(bodies, ellipsoids, t);
+}
+
+void FastSolver::Impl::reflect_on_ellipsoids(const std::vector<Body>& bodies,
+                                             const std::vector<EllipsoidTask>& tasks, std::size_t t) {
+  EllipsoidLanes lanes;
+  for (std::size_t first = 0; first < tasks.size(); first += 16) {
+    for (std::size_t lane = 0; lane < 16; ++lane) {
+      const EllipsoidTask& task = tasks[std::min(first + lane, tasks.size() - 1)];
+      const Body& body = bodies[task.body];
+      const Vec3 s = task.source - body.centre, q = task.sink - body.centre;
+      const Mat3 j = stretch_of(body);
+      lanes.sx[lane] = f(s.x), lanes.sy[lane] = f(s.y), lanes.sz[lane] = f(s.z);
+      lanes.qx[lane] = f(q.x), lanes.qy[lane] = f(q.y), lanes.qz[lane] = f(q.z);
+      for (std::size_t i = 0; i < 9; ++i)
+        lanes.j[i][lane] = f(j[static_cast<int>(i / 3)][static_cast<int>(i % 3)]);
+    }
+    kernels_.ellipsoids(lanes);
+    for (std::size_t lane = 0; lane < 16 && first + lane < tasks.size(); ++lane) {
+      const EllipsoidTask& task = tasks[first + lane];
+      const Body& body = bodies[task.body];
+      if (!(lanes.slope[lane] < kNewtonFound)) {
+        for (const Reflection& r : reflections(body, task.source, task.sink, lambda_m_))
+          add_reflection(bodies, r, task, t);
+        continue;
+      }
+      const Vec3 u = glm::normalize(Vec3{lanes.ux[lane], lanes.uy[lane], lanes.uz[lane]});
+      if (const auto r = ellipsoid_reflection(body, u, task.source, task.sink))
+        add_reflection(bodies, *r, task, t);
+    }
+  }
+}
+
+std::complex<double> FastSolver::Impl::leg_shadow(const std::vector<Body>& bodies, const Leg& leg,
+                                                  std::size_t own, bool touches_own) {
+  const double length_m = glm::distance(leg.from, leg.to);
+  const Vec3 along = (leg.to - leg.from) / length_m;
+  const LegRow row{f(leg.from.x), f(leg.from.y), f(leg.from.z),   f(along.x),    f(along.y),
+                   f(along.z),    f(length_m),   f(leg.before_m), f(leg.total_m)};
+  const int count = kernels_.near_balls(balls_->view(), row, f(2 / lambda_m_), near_.data());
+  std::complex<double> factor = 1;
+  for (int i = 0; i < count; ++i) {
+    const std::size_t b = near_[static_cast<std::size_t>(i)];
+    if (!(touches_own && b == own)) factor *= optics_.shadow(bodies[b], leg);
+  }
+  return factor;
+}
+
+void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Reflection& r,
+                                      const EllipsoidTask& task, std::size_t t) {
+  if (std::abs(r.spreading) * r.s1_m < kWeakestReflection) return;
+  const Pair& pair = pairs_[task.pair];
+  const Antenna& rx = middles_[task.receiver];
+  const BodyWay way = body_way(scene_, pair, r, task.source, task.sink, rx.position);
+  const FresnelTable& surface = table_of(bodies[task.body].surface);
+  const std::complex<double> gain = field_gain(
+      scene_.transmitter, rx, way.points_span(), way.normals_span(), [&](std::size_t i, double cosine) {
+        return i == way.body_bounce ? surface.at(cosine) : wall_tables_[way.wall_of(i)].at(cosine);
+      });
+  std::complex<double> amplitude = lambda_m_ / (4 * kPi) * r.spreading * gain;
+  for (std::size_t i = 0; i < way.legs; ++i)
+    amplitude *= leg_shadow(bodies, way.leg(i, r), task.body, way.touches_body(i));
+
+  // From the middle of the array to its antennas: along the ray, and across it as the wave front bends.
+  const Vec3 last = glm::normalize(rx.position - way.points[way.legs - 1]);
+  const double bend_m = r.caustic_m + r.s2_m;
+  for (std::size_t a = 0; a < per_receiver_; ++a) {
+    const Vec3 step = antennas_[task.receiver * per_receiver_ + a].position - rx.position;
+    const double onward_m = glm::dot(step, last);
+    const double length_m =
+        r.s1_m + r.s2_m + onward_m + (glm::dot(step, step) - onward_m * onward_m) / (2 * bend_m);
+    const double turns = std::fmod(scene_.carrier_hz / kSpeedOfLight_m_s * length_m, 1.0);
+    ToneSum* sum = sum_at(t, task.receiver * per_receiver_ + a);
+    for (std::size_t b = 0; b < blocks_; ++b)
+      kernels_.add_path(sum[b], f(amplitude.real()), f(amplitude.imag()), f(turns),
+                        f(length_m / kSpeedOfLight_m_s), &offsets_hz_[b * kTonesPerSum]);
+  }
+}
+
+void FastSolver::Impl::write(std::size_t snapshots, std::span<std::complex<float>> out) const {
+  const std::size_t tones = scene_.tones.size(), antennas = antennas_.size();
+  for (std::size_t t = 0; t < snapshots; ++t)
+    for (std::size_t a = 0; a < antennas; ++a) {
+      const ToneSum* sum = &sums_[(t * antennas + a) * blocks_];
+      for (std::size_t k = 0; k < tones; ++k) {
+        const std::size_t block = k / kTonesPerSum, lane = k % kTonesPerSum;
+        out[(t * tones + k) * antennas + a] = {sum[block].re[lane], sum[block].im[lane]};
+      }
+    }
+}
+
+FastSolver::FastSolver(const Scene& scene, const FastKernels& kernels)
+    : impl_(std::make_unique<Impl>(scene, kernels)) {}
+FastSolver::~FastSolver() = default;
+
+void FastSolver::solve(std::span<const std::vector<Body>> bodies, std::span<std::complex<float>> out) {
+  impl_->solve(bodies, out);
+}
+
+std::vector<std::vector<Body>> bodies_over_time(const Scene& scene) {
+  std::vector<std::vector<Body>> snapshots(static_cast<std::size_t>(scene.snapshots));
+  for (std::size_t t = 0; t < snapshots.size(); ++t)
+    for (const MovingBody& body : scene.bodies)
+      snapshots[t].push_back(body.at(static_cast<double>(t) * scene.step_s));
+  return snapshots;
+}
+
+std::vector<std::complex<float>> solve_fast(const Scene& scene, const FastKernels& kernels) {
+  const auto bodies = bodies_over_time(scene);
+  std::vector<std::complex<float>> h(bodies.size() * scene.tones.size() * scene.receivers.size() *
+                                     scene.receivers[0].size());
+  FastSolver(scene, kernels).solve(bodies, h);
+  return h;
+}
+
+}  // namespace csipose::sim

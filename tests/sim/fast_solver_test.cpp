@@ -1,0 +1,120 @@
+#include "sim/fast_solver.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "proto/npy.h"
+#include "sim/reference_solver.h"
+#include "sim/scene_file.h"
+#include "tests/sim/golden_scene.h"
+#include "tests/sim/mixed_scene.h"
+
+namespace csipose::sim {
+namespace {
+using Complex = std::complex<double>;
+
+double rms(const std::vector<Complex>& h) {
+  double sum = 0;
+  for (const Complex& x : h) sum += std::norm(x);
+  return std::sqrt(sum / static_cast<double>(h.size()));
+}
+
+std::vector<Complex> difference(const std::vector<std::complex<float>>& a, const std::vector<Complex>& b) {
+  std::vector<Complex> d(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) d[i] = Complex(a[i]) - b[i];
+  return d;
+}
+
+/// What is left of H[snapshot]... when each entry's mean over the snapshots is taken away.
+std::vector<Complex> moving_part(std::vector<Complex> h, std::size_t snapshots) {
+  const std::size_t entries = h.size() / snapshots;
+  for (std::size_t i = 0; i < entries; ++i) {
+    Complex mean = 0;
+    for (std::size_t t = 0; t < snapshots; ++t) mean += h[t * entries + i] / static_cast<double>(snapshots);
+    for (std::size_t t = 0; t < snapshots; ++t) h[t * entries + i] -= mean;
+  }
+  return h;
+}
+
+void expect_close(const std::vector<std::complex<float>>& fast, const std::vector<Complex>& truth,
+                  int snapshots) {
+  ASSERT_EQ(fast.size(), truth.size());
+  const auto error = difference(fast, truth);
+  const auto count = static_cast<std::size_t>(snapshots);
+  EXPECT_LT(rms(error) / rms(truth), 1e-2);
+  EXPECT_LT(rms(moving_part(error, count)) / rms(moving_part(truth, count)), 3e-2);
+}
+
+TEST(FastSolver, MeetsTheGoldenScene) {
+  CSIPOSE_NEEDS_SHARED_DATA();
+  const Scene scene = read_scene(testing::shared_data("sim/scene_a.json"));
+  const auto golden = read_npy<Complex>(testing::shared_data("sim/scene_a_H.npy"));
+  expect_close(solve_fast(scene), golden.data, scene.snapshots);
+}
+
+// The same arithmetic in registers of other widths.
+TEST(FastSolver, AgreesWithTheReferenceAndWithItselfOnEveryInstructionSet) {
+  Scene scene = mixed_scene();
+  scene.step_s = 1 / 300.0;
+  scene.snapshots = 20;
+  const auto truth = solve_reference(scene);
+  const auto plain = solve_fast(scene, *find_kernels("plain"));
+  expect_close(plain, truth, scene.snapshots);
+  const std::vector<Complex> as_double(plain.begin(), plain.end());
+  for (const char* name : {"avx2", "avx512"})
+    if (const FastKernels* kernels = find_kernels(name)) {
+      EXPECT_LT(rms(difference(solve_fast(scene, *kernels), as_double)) / rms(truth), 1e-5) << name;
+    }
+}
+
+// Without bodies nothing is approximated but the numbers.
+TEST(FastSolver, WallsAloneAgreeToFloatRounding) {
+  Scene scene = mixed_scene();
+  scene.bodies.clear();
+  scene.snapshots = 1;
+  const auto truth = solve_reference(scene);
+  EXPECT_LT(rms(difference(solve_fast(scene), truth)) / rms(truth), 1e-5);
+}
+
+TEST(FastSolver, MeetsTheGoldenBodies) {
+  CSIPOSE_NEEDS_SHARED_DATA();
+  const auto expect_body = [](const nlohmann::json& c, const Body& body, const char* key, double tolerance) {
+    Scene scene;
+    scene.walls = false;
+    scene.transmitter.position = vec3(c["tx"]);
+    scene.receivers = {{{vec3(c["rx"])}}};
+    scene.bodies = {{body, {}}};
+    scene.tones = intel5300_tones();
+    const auto golden = testing::complex_list(c[key]);
+    EXPECT_LT(rms(difference(solve_fast(scene), golden)) / rms(golden), tolerance);
+  };
+  for (const auto& c : testing::golden_list("sphere.json", "cases"))
+    expect_body(c, sphere(vec3(c["c"]), c["radius"].get<double>(), "skin_dry"), "H_skin_hw_dipole", 5e-3);
+  for (const auto& c : testing::golden_list("bodies.json", "cases"))
+    expect_body(c, body_of(c), "H_hw_dipole", 1e-2);
+}
+
+TEST(FastSolver, TakesAnyNumberOfSubcarriersAndAntennas) {
+  Scene scene = mixed_scene();
+  scene.snapshots = 3;
+  scene.tones.clear();
+  for (int k = -35; k <= 35; ++k) scene.tones.push_back(k);
+  for (auto& receiver : scene.receivers) receiver.resize(1);
+  const auto truth = solve_reference(scene);
+  EXPECT_LT(rms(difference(solve_fast(scene), truth)) / rms(truth), 1e-2);
+}
+
+TEST(FastSolver, SolvingAgainGivesTheSameBits) {
+  const Scene scene = mixed_scene();
+  const auto bodies = bodies_over_time(scene);
+  FastSolver solver(scene);
+  std::vector<std::complex<float>> first(bodies.size() * 30 * 6), again(first.size());
+  solver.solve(bodies, first);
+  solver.solve(bodies, again);
+  EXPECT_EQ(first, again);
+  EXPECT_EQ(first, solve_fast(scene));
+}
+
+}  // namespace
+}  // namespace csipose::sim
