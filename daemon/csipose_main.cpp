@@ -51,6 +51,8 @@ void add_commands(CLI::App& app) {
   for (const auto& [name, description] : kSiblings) app.add_subcommand(name, description);
   add_model(app);
   add_infer(app);
+  add_inspect(app);
+  add_convert(app);
 }
 
 std::vector<std::string> command_names(const CLI::App& app) {

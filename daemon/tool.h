@@ -47,5 +47,7 @@ void add_watch(CLI::App& app);
 void add_model(CLI::App& app);
 void add_calibrate(CLI::App& model_command);
 void add_infer(CLI::App& app);
+void add_inspect(CLI::App& app);
+void add_convert(CLI::App& app);
 
 }  // namespace csipose

@@ -38,6 +38,12 @@ const char* name(RecordFault fault) {
   return kNames[static_cast<std::size_t>(fault)];
 }
 
+RecordCounts& RecordCounts::operator+=(const RecordCounts& other) {
+  for (std::size_t i = 0; i < faults.size(); ++i) faults[i] += other.faults[i];
+  for (std::size_t i = 0; i < codes.size(); ++i) codes[i] += other.codes[i];
+  return *this;
+}
+
 bool is_known_code(std::uint8_t code) {
   switch (code) {
     case kCsiCode:

@@ -54,6 +54,7 @@ struct RecordCounts {
 
   std::uint64_t& operator[](RecordFault fault) { return faults[static_cast<std::size_t>(fault)]; }
   std::uint64_t operator[](RecordFault fault) const { return faults[static_cast<std::size_t>(fault)]; }
+  RecordCounts& operator+=(const RecordCounts& other);
 };
 
 /// One record as it lies in the stream.

@@ -139,8 +139,8 @@ TEST(Sanitise, SeesAStraightFortyMegahertzChannelAsStraight) {
   for (const auto& antenna : sanitise_joint(stream_csi(record, 0, true)))
     for (const double phase : antenna) EXPECT_NEAR(phase, 0, 0.01);  // quantised to 1/100
   double worst = 0;
-  for (const double phase : sanitise_joint(stream_csi(record, 0, false))[0])
-    worst = std::max(worst, std::abs(phase));
+  const StreamPhase as_peers = sanitise_joint(stream_csi(record, 0, false));
+  for (const double phase : as_peers[0]) worst = std::max(worst, std::abs(phase));
   EXPECT_GT(worst, 0.3);
 }
 
