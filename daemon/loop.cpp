@@ -12,6 +12,8 @@ constexpr Nanoseconds kStatusEvery = std::chrono::seconds(1);
 constexpr Nanoseconds kLongestSleep = std::chrono::milliseconds(50);  // so that stop and reload are seen soon
 constexpr Nanoseconds kLongestSilence =
     std::chrono::minutes(10);  // of a recording; what is longer is passed over
+constexpr Nanoseconds kLateWakeUp =
+    std::chrono::milliseconds(5);                                // beyond it the kernel has made us late, too
 constexpr Nanoseconds kIdlePoll = std::chrono::milliseconds(5);  // while the grid is not yet known
 
 std::uint32_t microseconds(Nanoseconds d) {
@@ -98,20 +100,25 @@ void LiveLoop::serve(const WindowDue& due) {
   const SteadyTime ready = clock_.now(), publish_at = due.last_sample + timing_.budget;
   if (ready > publish_at) return miss(ready, publish_at, ready - taken);
   if (is_repetition(publish_at)) return;
+  wait_until(publish_at);
+  const SteadyTime published = clock_.now();
+  if (published > publish_at + kLateWakeUp) return miss(published, publish_at, ready - taken);
+  const std::array<Nanoseconds, kStages> spent = {begin - due.last_sample, std::exchange(drained_in_, {}),
+                                                  taken - begin, ready - taken, published - ready};
+  send_window_frame(spent, published - due.last_sample, published);
+}
 
+void LiveLoop::send_window_frame(const std::array<Nanoseconds, kStages>& spent, Nanoseconds delay,
+                                 SteadyTime published) {
   PoseFrame& frame = frames_.window_frame();
   frame.clock_error_ns = link_.clock_error_ns.load(std::memory_order_relaxed);
   if (frame.clock_error_ns == 0) frame.reasons |= reason_bit(Reason::clock_unknown);
-  wait_until(publish_at);
-  const SteadyTime published = clock_.now();
-  const std::array<Nanoseconds, kStages> spent = {begin - due.last_sample, std::exchange(drained_in_, {}),
-                                                  taken - begin, ready - taken, published - ready};
   LoopStatus& status = frames_.status();
   for (std::size_t stage = 0; stage < kStages; ++stage) {
     frame.latency_us[stage] = microseconds(spent[stage]);
     status.stages[stage].add(frame.latency_us[stage]);
   }
-  status.end_to_end.add(microseconds(published - due.last_sample));
+  status.end_to_end.add(microseconds(delay));
   send(frame, published, clock_.utc_now());
   missed_since_sent_ = false;
 }

@@ -1,11 +1,12 @@
 // daemon/loop.h - the fixed-latency loop: when a window is taken, and when its frame goes out
 // (docs/data-flow.md).
 //
-// For each window, with t the instant of its newest sample: packets are drained and the window is taken at t
-// + jitter, its frame is published at t + budget, never sooner, and never later: a result that is not ready
-// by then is dropped and counted. At least one frame a second says how things stand. One thread; after
-// construction no allocation (but the engine's own small ones, see allocation.h), no lock, no log call, no
-// file.
+// For each window, with t the instant of its newest sample: packets are drained and the window is taken at t + jitter, its
+// frame is published at t + budget, never sooner, and never later (but for a wake-up that the kernel delays by less
+// than 5 ms): a result that is not out by then is dropped and counted. The next window is begun when this frame is
+// out, so the network has min(hop, budget - jitter) to itself. At least one frame a second says how things stand.
+// One thread; after construction no allocation (but the engine's own small ones, see allocation.h), no lock, no log
+// call, no file.
 #pragma once
 
 #include <atomic>
@@ -83,6 +84,8 @@ class LiveLoop final : public Loop {
   void drain();
   void step();
   void serve(const WindowDue& due);
+  void send_window_frame(const std::array<Nanoseconds, kStages>& spent, Nanoseconds delay,
+                         SteadyTime published);
   void miss(SteadyTime ready, SteadyTime deadline, Nanoseconds infer);
   void wait_until(SteadyTime instant);
   void keep_alive(SteadyTime now);

@@ -12,10 +12,10 @@
 
 namespace csipose {
 
-/// One result that was not ready at its instant.
+/// One result that was not out at its instant.
 struct DeadlineMiss {
   UtcTime last_sample{};
-  std::uint32_t late_us = 0;   ///< how long after the instant of publication it was ready
+  std::uint32_t late_us = 0;   ///< how long after the instant of publication it was ready, or the loop awake
   std::uint32_t infer_us = 0;  ///< of this, the network
 };
 

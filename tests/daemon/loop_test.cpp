@@ -117,6 +117,19 @@ TEST(LiveLoop, OneHiccupCostsOnlyItself) {
   EXPECT_GT(loop.status().end_to_end.count(), 80u);
 }
 
+TEST(LiveLoop, AFrameThatTheKernelMakesLateIsDroppedToo) {
+  ScriptedLoop loop(packets(4.0));
+  loop.clock.oversleep = [](SteadyTime instant) {
+    return instant > SteadyTime(102s) && instant < SteadyTime(102'040ms) ? Nanoseconds(20ms) : Nanoseconds(0);
+  };
+  for (const PoseFrame& frame : with_windows(loop.run_live(5s)))
+    if (frame.state != State::stale) {
+      EXPECT_LE(frame.mono_ns - last_sample_ns(frame), 55'000'000);
+    }
+  EXPECT_GE(loop.status().deadline, 1u);
+  EXPECT_LE(loop.status().deadline, 2u);
+}
+
 TEST(LiveLoop, AMissingReceiverDegradesAndComesBack) {
   ScriptedLoop loop(packets(5.0, {1}, 600, 1000));  // silent from 102 s to 103.33 s
   const std::vector<PoseFrame> frames = with_windows(loop.run_live(6s));

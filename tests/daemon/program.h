@@ -2,7 +2,6 @@
 #pragma once
 
 #include <fcntl.h>
-#include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -58,6 +57,7 @@ class Program {
     if (!ended_ && waitpid(pid_, &status_, WNOHANG) == pid_) ended_ = true;
     return !ended_;
   }
+  int pid() const { return pid_; }
   /// Exit status, or 128 + signal.
   int wait() {
     if (!ended_) waitpid(pid_, &status_, 0);

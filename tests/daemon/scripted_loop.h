@@ -17,12 +17,15 @@ class ScriptedClock final : public LoopClock {
  public:
   SteadyTime now() override { return now_; }
   UtcTime utc_now() override { return UtcTime{now_.time_since_epoch() + kUtcOffset}; }
-  void sleep_until(SteadyTime instant) override { pass_until(instant); }
+  void sleep_until(SteadyTime instant) override {
+    pass_until(instant + (oversleep ? oversleep(instant) : Nanoseconds{}));
+  }
   void pass_until(SteadyTime instant) {
     now_ = std::max(now_, instant);
     if (on_time) on_time(now_);
   }
-  std::function<void(SteadyTime)> on_time;  ///< told whenever time has passed
+  std::function<Nanoseconds(SteadyTime)> oversleep;  ///< how much too late a sleep until then ends
+  std::function<void(SteadyTime)> on_time;           ///< told whenever time has passed
 
  private:
   static constexpr Nanoseconds kUtcOffset{1'700'000'000'000'000'000};
