@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 
@@ -43,7 +44,8 @@ int connect_to(int fd, const std::string& path) {
   return connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address);
 }
 
-void remove_stale(const std::string& path) {
+/// A socket file that nobody listens at is in nobody's way: it will be replaced.
+void check_free(const std::string& path) {
   std::error_code error;
   const auto status = std::filesystem::symlink_status(path, error);
   if (!std::filesystem::exists(status)) return;
@@ -56,7 +58,6 @@ void remove_stale(const std::string& path) {
         ExitStatus::try_again,
         fmt::format("Another program listens at {} already. Stop it, or choose another daemon.run_dir.",
                     path));
-  unlink(path.c_str());
 }
 
 void give_to_group(const std::string& path, const std::string& group) {
@@ -93,8 +94,11 @@ UniqueFd& UniqueFd::operator=(UniqueFd&& other) noexcept {
 }
 
 UniqueFd listen_unix(const std::string& path, const std::string& group) {
-  const sockaddr_un address = address_of(path);
-  remove_stale(path);
+  check_free(path);
+  // Made under another name and moved when it listens: whoever finds the file can connect.
+  const std::string fresh = path + ".new";
+  const sockaddr_un address = address_of(fresh);
+  unlink(fresh.c_str());
   UniqueFd fd = stream_socket(SOCK_NONBLOCK);
   fchmod(fd.get(), kSocketMode);  // before bind: there is no moment in which the file has another mode
   if (bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
@@ -103,9 +107,10 @@ UniqueFd listen_unix(const std::string& path, const std::string& group) {
         fmt::format(
             "The socket {} cannot be made: {}. Its folder must be there and writable (daemon.run_dir).", path,
             std::strerror(errno)));
-  chmod(path.c_str(), kSocketMode);  // a umask has taken the group's bits
-  give_to_group(path, group);
-  if (listen(fd.get(), SOMAXCONN) != 0)
+  const SocketFile remains(fresh);    // nothing, once it has been moved
+  chmod(fresh.c_str(), kSocketMode);  // a umask has taken the group's bits
+  give_to_group(fresh, group);
+  if (listen(fd.get(), SOMAXCONN) != 0 || rename(fresh.c_str(), path.c_str()) != 0)
     throw SetupError(ExitStatus::os_refusal,
                      fmt::format("{} cannot listen: {}.", path, std::strerror(errno)));
   return fd;

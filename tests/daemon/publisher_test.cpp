@@ -361,6 +361,19 @@ TEST(Publisher, ASecondDaemonAtOneSocketIsRefusedAndAStaleSocketReplaced) {
   EXPECT_EQ(StreamClient(config.socket_path, Format::json).hello().name, "test");
 }
 
+// A tool that waits for the file and then connects must never be told that nobody listens.
+TEST(Publisher, WhoeverSeesTheSocketCanConnect) {
+  testing::ScratchFolder folder;
+  for (int round = 0; round < 200; ++round) {
+    const std::string path = folder / ("s" + std::to_string(round));
+    UniqueFd listener;
+    std::thread daemon([&] { listener = listen_unix(path, ""); });
+    while (!std::filesystem::exists(path)) std::this_thread::yield();
+    EXPECT_NO_THROW(connect_unix(path));
+    daemon.join();
+  }
+}
+
 TEST(Publisher, WhatIsNoSocketIsNotRemoved) {
   testing::ScratchFolder folder;
   const PublisherConfig config = config_in(folder);
