@@ -90,6 +90,7 @@ struct Config {
     std::string dir = "recordings";
     std::vector<std::string> content{"csi", "pose"};
     int rotate_mb = 256, rotate_min = 60;
+    int keep_days = 7, keep_total_mb = 4096;
   } record;
   struct {
     std::string max_level = "pose";

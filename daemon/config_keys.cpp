@@ -126,6 +126,10 @@ const std::vector<Key<Config>>& table() {
       {"record.content", FIELD(record.content), one_of({"csi", "pose"}), S, "what goes into a recording"},
       {"record.rotate_mb", FIELD(record.rotate_mb), from(1, 1048576), S, "a new file after so much"},
       {"record.rotate_min", FIELD(record.rotate_min), from(1, 10080), S, "and after so long"},
+      {"record.keep_days", FIELD(record.keep_days), from(0, 36500), S,
+       "older recordings are removed; 0 = kept"},
+      {"record.keep_total_mb", FIELD(record.keep_total_mb), from(0, 1048576), S,
+       "the oldest are removed while all are more than this; 0 = kept"},
 
       {"privacy.max_level", FIELD(privacy.max_level), one_of({"presence", "position", "pose"}), R,
        "the most that any client is told"},

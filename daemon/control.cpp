@@ -35,7 +35,7 @@ std::string refusal(const std::string& code, const std::string& text, const std:
   return line_of({{"type", "error"}, {"code", code}, {"text", text}, {"remedy", remedy}});
 }
 
-Json describe(const RecordingInfo& recording) {
+Json describe(const RecordingEntry& recording) {
   return {{"file", recording.file}, {"bytes", recording.bytes}, {"active", recording.active}};
 }
 
@@ -46,7 +46,7 @@ std::string cannot(const Handler& handler, const std::string& type) {
              : refusal("not_here", fmt::format("This daemon cannot do {}.", type), "See its configuration.");
 }
 
-std::string answer_recording(const std::string& type, const std::function<RecordingInfo()>& handler) {
+std::string answer_recording(const std::string& type, const std::function<RecordingEntry()>& handler) {
   if (auto words = cannot(handler, type); !words.empty()) return words;
   Json answer = describe(handler());
   answer["type"] = type;
@@ -56,7 +56,7 @@ std::string answer_recording(const std::string& type, const std::function<Record
 std::string answer_list(const std::string& type, const ControlHandlers& handlers) {
   if (auto words = cannot(handlers.record_list, type); !words.empty()) return words;
   Json list = Json::array();
-  for (const RecordingInfo& recording : handlers.record_list()) list.push_back(describe(recording));
+  for (const RecordingEntry& recording : handlers.record_list()) list.push_back(describe(recording));
   return line_of({{"type", type}, {"recordings", list}});
 }
 

@@ -19,7 +19,7 @@
 
 namespace csipose {
 
-struct RecordingInfo {
+struct RecordingEntry {
   std::string file;
   std::uint64_t bytes = 0;
   bool active = false;
@@ -28,8 +28,8 @@ struct RecordingInfo {
 /// What the daemon does when asked. A SetupError becomes the answer `error` with its words; one that is not
 /// set answers that this daemon cannot.
 struct ControlHandlers {
-  std::function<RecordingInfo()> record_start, record_stop;
-  std::function<std::vector<RecordingInfo>()> record_list;
+  std::function<RecordingEntry()> record_start, record_stop;
+  std::function<std::vector<RecordingEntry>()> record_list;
   std::function<std::vector<std::string>()>
       reload;  ///< what has changed and what needs a restart, a sentence each
   std::function<Status()> status;

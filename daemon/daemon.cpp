@@ -67,11 +67,16 @@ int socket_named(const std::map<std::string, int>& inherited, const std::string&
 
 class PublisherSink final : public FrameSink {
  public:
-  explicit PublisherSink(Publisher& publisher) : publisher_(publisher) {}
-  void publish(const PoseFrame& frame) override { publisher_.publish(frame); }
+  PublisherSink(Publisher& publisher, RecorderThread& recorder)
+      : publisher_(publisher), recorder_(recorder) {}
+  void publish(const PoseFrame& frame) override {
+    publisher_.publish(frame);
+    recorder_.offer(frame);
+  }
 
  private:
   Publisher& publisher_;
+  RecorderThread& recorder_;
 };
 
 }  // namespace
@@ -90,6 +95,7 @@ struct Daemon::State {
   void say_ready(const LoopReady& ready);
   void warn_if_too_slow(const LoopReady& ready);
   ControlHandlers control_handlers();
+  RecordingEntry set_recording(bool on);
   void wait_for_events();
   void on_signal(int signal);
   ReloadOutcome reload();
@@ -110,6 +116,7 @@ struct Daemon::State {
   LoopLink link_;
   SourceThread source_;
   RingInput input_;
+  std::unique_ptr<RecorderThread> recorder_;
   Publisher publisher_;
   PublisherSink sink_;
   LoopThread loop_;
@@ -130,13 +137,15 @@ Daemon::State::State(ConfigSources from, Config checked, std::map<std::string, i
       receiver_ids_(receiver_ids(config_)),
       model_(load_model(config_)),
       session_(session_number(config_, *model_)),
-      source_(make_source(config_, inherited), ring_, config_.source.kind == "file", nullptr),
+      source_(make_source(config_, inherited), ring_, config_.source.kind == "file",
+              [this](const Packet& packet) { recorder_->offer(packet); }),
       input_(ring_, source_),
+      recorder_(make_recorder(config_, source_.source().kind())),
       publisher_(
           publisher_config(source_.source().kind(), session_, socket_named(inherited, config_.stream.socket)),
           {[this](const std::string& line) { log_.info(line); },
            [this](const std::string& line) { log_.warn(line); }}),
-      sink_(publisher_),
+      sink_(publisher_, *recorder_),
       loop_(config_, loop_parts(), link_),
       status_(fixed_status(session_)),
       changes_(log_, receiver_ids_) {
@@ -189,6 +198,7 @@ Status Daemon::State::fixed_status(std::uint64_t session) const {
 }
 
 void Daemon::State::start() {
+  if (config_.record.enabled) recorder_->start_recording();
   const LoopReady ready = loop_.start();
   status_.engine = ready.engine;
   say_ready(ready);
@@ -235,6 +245,7 @@ void Daemon::State::stop(const std::string& reason) {
   link_.stop = true;
   source_.stop();
   loop_.stop();
+  recorder_->stop_recording();
   report(std::chrono::steady_clock::now());
   publisher_.finish(reason);
   log_.info(fmt::format("end reason=\"{}\" {}", reason, status_line(status_)));
@@ -251,11 +262,15 @@ void Daemon::State::wait_for_events() {
 void Daemon::State::on_signal(int signal) {
   if (signal == SIGTERM || signal == SIGINT) stop_reason_ = "stopped";
   if (signal == SIGHUP) reload_on_signal();
+  if (signal == SIGUSR1) recorder_->rotate();
   if (signal == SIGUSR2) log_.info(status_line(status_));
 }
 
 ControlHandlers Daemon::State::control_handlers() {
   ControlHandlers handlers;
+  handlers.record_start = [this] { return set_recording(true); };
+  handlers.record_stop = [this] { return set_recording(false); };
+  handlers.record_list = [this] { return recorder_->list(); };
   handlers.status = [this] { return publisher_.status(); };
   handlers.reload = [this] {
     ReloadOutcome outcome = reload();
@@ -265,9 +280,22 @@ ControlHandlers Daemon::State::control_handlers() {
   return handlers;
 }
 
+RecordingEntry Daemon::State::set_recording(bool on) {
+  if (on)
+    recorder_->start_recording();
+  else
+    recorder_->stop_recording();
+  const RecordingStatus status = recorder_->status();
+  log_.info(fmt::format("recording is {} folder={}", on ? "on" : "off",
+                        config_.in_state_dir(config_.record.dir).string()));
+  return {status.file, status.bytes, status.active};
+}
+
 ReloadOutcome Daemon::State::reload() try {
   notify_reloading();
+  const bool recorded = config_.record.enabled;
   const ReloadOutcome outcome = apply_reload(config_, load_config(sources_));
+  if (config_.record.enabled != recorded) set_recording(config_.record.enabled);
   log_.set_level(log_level_from(config_.daemon.log_level));
   publisher_.configure(stream_limits(config_), config_.stream.max_clients);
   link_.people.back() = estimator_config(config_);
@@ -307,6 +335,7 @@ void Daemon::State::report(SteadyTime now) {
   if (link_.status.refresh()) changes_.report(link_.status.front());
   fill_status(status_, link_.status.front(), source_.stats(), receiver_ids_);
   status_.uptime_s = seconds(now - started_);
+  status_.recording = recorder_->status();
   status_.config_reloads = {{"ok", reloads_ok_}, {"refused", reloads_refused_}};
   publisher_.set_status(status_);
   write_metrics();

@@ -13,6 +13,7 @@
 #include "capture/tcp_source.h"
 #include "capture/udp_source.h"
 #include "proto/result.h"
+#include "version.h"
 
 namespace csipose {
 namespace {
@@ -228,7 +229,18 @@ std::unique_ptr<Engine> make_engine(const Config& config, std::shared_ptr<const 
     options.precision =
         meaning<Precision>(config.model.precision,
                            {{"f32", Precision::f32}, {"bf16", Precision::bf16}, {"int8", Precision::int8}});
-  return make_onednn_engine(std::move(model), options);
+  try {
+    return make_onednn_engine(std::move(model), options);
+  } catch (const SetupError&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw SetupError(
+        ExitStatus::os_refusal,
+        fmt::format(
+            "the engine could not be made: {}; oneDNN compiles its kernels at start, so the system must "
+            "allow executable memory (MemoryDenyWriteExecute=no in the unit)",
+            error.what()));
+  }
 }
 
 std::unique_ptr<PacketSource> make_source(const Config& config, const std::map<std::string, int>& sockets) {
@@ -239,6 +251,24 @@ std::unique_ptr<PacketSource> make_source(const Config& config, const std::map<s
   if (auto tcp = tcp_of(config)) doors.push_back(std::move(tcp));
   if (auto netlink = netlink_of(config)) doors.push_back(std::move(netlink));
   return std::make_unique<LiveSources>(std::move(doors));
+}
+
+std::unique_ptr<RecorderThread> make_recorder(const Config& config, Source source) {
+  const auto holds = [&](const char* what) { return std::ranges::count(config.record.content, what) > 0; };
+  RecorderConfig recorder;
+  recorder.folder = config.in_state_dir(config.record.dir);
+  recorder.info.source = source;
+  const std::vector<std::string> ids = receiver_ids(config);
+  std::ranges::copy(ids, recorder.info.receivers.begin());
+  recorder.info.software = "csiposed " CSIPOSE_VERSION " (commit " CSIPOSE_COMMIT ")";
+  if (holds("pose")) recorder.pose_schema = pose_schema();
+  recorder.rotate_bytes = static_cast<std::uint64_t>(config.record.rotate_mb) << 20;
+  recorder.rotate_age = std::chrono::minutes(config.record.rotate_min);
+  recorder.keep_age = std::chrono::hours(24 * config.record.keep_days);
+  recorder.keep_bytes = static_cast<std::uint64_t>(config.record.keep_total_mb) << 20;
+  const bool lossless = source == Source::replay && config.source.speed == 0;
+  return std::make_unique<RecorderThread>(recorder, RecorderThread::Content{holds("csi"), holds("pose")},
+                                          lossless);
 }
 
 std::uint64_t session_number(const Config& config, const Model& model) {

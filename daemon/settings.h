@@ -8,6 +8,7 @@
 #include "daemon/config.h"
 #include "daemon/loop.h"
 #include "daemon/publisher.h"
+#include "daemon/recorder_thread.h"
 #include "model/model.h"
 #include "model/pose_estimator.h"
 
@@ -29,6 +30,9 @@ std::unique_ptr<Engine> make_engine(const Config& config, std::shared_ptr<const 
 
 /// The source that the configuration names. `sockets`: inherited from systemd, by name. Throws SetupError.
 std::unique_ptr<PacketSource> make_source(const Config& config, const std::map<std::string, int>& sockets);
+
+/// The thread that records, not yet recording. Throws SetupError.
+std::unique_ptr<RecorderThread> make_recorder(const Config& config, Source source);
 
 /// A new session's number. Live: random. Replay: a digest of the recording, the model, the engine and every
 /// setting that shapes a frame, so that the same replay has the same number.

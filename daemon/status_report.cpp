@@ -126,8 +126,8 @@ void ChangeReporter::report_receivers(const LoopStatus& now) {
   for (std::size_t receiver = 0; receiver < receiver_ids_.size(); ++receiver) {
     const bool was = receiver_present(before_.links, receiver), is = receiver_present(now.links, receiver);
     if (is && !was)
-      log_.info(fmt::format("receiver {} is here rate_hz={:.1f}", receiver_ids_[receiver],
-                            now.receivers[receiver].rate_hz));
+      log_.info(fmt::format("receiver {} is here packets={}", receiver_ids_[receiver],
+                            now.front_end.receivers[receiver].packets));
     if (!is && (was || !windows_seen_))
       log_.warn(fmt::format("receiver {} is missing; its links are left out until it comes back packets={}",
                             receiver_ids_[receiver], now.front_end.receivers[receiver].packets));

@@ -18,12 +18,12 @@ using nlohmann::json;
 
 ControlHandlers some_handlers() {
   ControlHandlers handlers;
-  handlers.record_start = [] { return RecordingInfo{"/var/a.mcap", 0, true}; };
-  handlers.record_stop = []() -> RecordingInfo {
+  handlers.record_start = [] { return RecordingEntry{"/var/a.mcap", 0, true}; };
+  handlers.record_stop = []() -> RecordingEntry {
     throw SetupError(ExitStatus::runtime, "Nothing is being recorded.");
   };
   handlers.record_list = [] {
-    return std::vector<RecordingInfo>{{"a.mcap", 12, false}, {"b \"x\".mcap", 7, true}};
+    return std::vector<RecordingEntry>{{"a.mcap", 12, false}, {"b \"x\".mcap", 7, true}};
   };
   handlers.reload = [] { return std::vector<std::string>{"people.min_score = 0.7"}; };
   handlers.status = [] { return testing::busy_status(); };

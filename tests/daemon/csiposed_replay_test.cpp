@@ -90,6 +90,26 @@ TEST_F(Replay, OtherSettingsAreAnotherSession) {
   EXPECT_GT(five.protobuf.frames.size(), ten.protobuf.frames.size() * 3 / 2);
 }
 
+TEST_F(Replay, WhatIsRecordedIsReplayedToTheSamePoses) {
+  auto sets = replay_of(made_up_files(600));
+  auto recording = sets;
+  recording.push_back("record.enabled=true");
+  const auto first = run_with_two_subscribers(recording);
+  std::vector<std::string> files;
+  for (const auto& entry : fs::directory_iterator(folder_ / "recordings"))
+    files.push_back(entry.path().string());
+  ASSERT_EQ(files.size(), 1u);
+  const auto second = run_with_two_subscribers(replay_of(files));
+  ASSERT_EQ(second.protobuf.frames.size(), first.protobuf.frames.size());
+  for (std::size_t i = 0; i < first.protobuf.frames.size(); ++i) {
+    const PoseFrame &a = first.protobuf.frames[i], &b = second.protobuf.frames[i];
+    EXPECT_EQ(a.mono_ns, b.mono_ns);
+    ASSERT_EQ(a.people_count, b.people_count);
+    for (std::uint32_t p = 0; p < a.people_count; ++p)
+      EXPECT_EQ(a.people[p].joints[0].x, b.people[p].joints[0].x);
+  }
+}
+
 TEST_F(Replay, ARecordingCutAnywhereIsPlayedAsFarAsItGoes) {
   const auto files = made_up_files(300);
   for (const std::uintmax_t cut : {1u, 40u, 333u}) {

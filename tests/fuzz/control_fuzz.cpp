@@ -8,8 +8,8 @@ using namespace csipose;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   ControlHandlers handlers;
-  handlers.record_start = [] { return RecordingInfo{"a.mcap", 0, true}; };
-  handlers.record_list = [] { return std::vector<RecordingInfo>{}; };
+  handlers.record_start = [] { return RecordingEntry{"a.mcap", 0, true}; };
+  handlers.record_list = [] { return std::vector<RecordingEntry>{}; };
   handlers.reload = [] { return std::vector<std::string>{}; };
   handlers.status = [] { return Status{}; };
   const std::string answer = answer_control_request(std::string(data, data + size), handlers);
