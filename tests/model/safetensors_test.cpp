@@ -15,10 +15,9 @@ namespace csipose {
 namespace {
 
 std::vector<std::uint8_t> file_of(const std::string& header, std::size_t data_bytes) {
-  std::vector<std::uint8_t> bytes(8);
+  std::vector<std::uint8_t> bytes(8 + header.size() + data_bytes);
   store_le<std::uint64_t>(bytes.data(), header.size());
-  bytes.insert(bytes.end(), header.begin(), header.end());
-  bytes.resize(bytes.size() + data_bytes);
+  std::copy(header.begin(), header.end(), bytes.begin() + 8);
   return bytes;
 }
 
@@ -56,8 +55,11 @@ std::vector<std::uint8_t> small_file() {
 
 /// As NumPy writes a tuple.
 std::string tuple_text(const std::vector<std::size_t>& shape) {
-  const std::string list = shape_text(shape);
-  return "(" + list.substr(1, list.size() - 2) + (shape.size() == 1 ? ",)" : ")");
+  std::string text = shape_text(shape);
+  text.front() = '(';
+  text.back() = ')';
+  if (shape.size() == 1) text.insert(text.size() - 1, ",");
+  return text;
 }
 
 TEST(Safetensors, GoldenFileHasTheArraysBesideIt) {
