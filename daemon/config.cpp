@@ -397,7 +397,7 @@ void read_environment(Reader& reader, const std::pair<std::string, std::string>&
   std::string name = variable.first;
   if (!name.starts_with(kEnvironmentPrefix)) return;
   name.erase(0, kEnvironmentPrefix.size());
-  if (const auto split = name.find("__"); split != std::string::npos) name.replace(split, 2, ".");
+  if (const auto split = name.find("__"); split != std::string::npos) name.replace(split, 2, 1, '.');
   std::ranges::transform(name, name.begin(),
                          [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   reader.read_text(name, variable.second, "environment variable " + variable.first);

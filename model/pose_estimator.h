@@ -14,9 +14,9 @@ namespace csipose {
 enum class Smoothing : std::uint8_t { none, one_euro };
 
 struct EstimatorConfig {
-  int max_people = 5;          ///< at most kMaxPeople
-  float min_score = 0.5f;      ///< on the calibrated score
-  float nms_distance_m = 0.25f;///< mean joint distance under which the lower-scored of two poses is dropped
+  int max_people = 5;            ///< at most kMaxPeople
+  float min_score = 0.5f;        ///< on the calibrated score
+  float nms_distance_m = 0.25f;  ///< mean joint distance under which the lower-scored of two poses is dropped
   bool track = true;
   Nanoseconds track_timeout = std::chrono::milliseconds(1000);
   Smoothing smoothing = Smoothing::none;
@@ -31,7 +31,8 @@ struct Estimate {
 
 class PoseEstimator {
  public:
-  PoseEstimator(std::shared_ptr<const Model> model, std::unique_ptr<Engine> engine, const EstimatorConfig& config);
+  PoseEstimator(std::shared_ptr<const Model> model, std::unique_ptr<Engine> engine,
+                const EstimatorConfig& config);
   ~PoseEstimator();
   /// Runs the network on the window's present links. Fewer links than the model allows, or numbers that are not
   /// finite, give no people and the reason. Tracks age by `window.last_sample`.
