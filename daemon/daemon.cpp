@@ -244,10 +244,11 @@ void Daemon::State::stop(const std::string& reason) {
   notify_stopping();
   link_.stop = true;
   source_.stop();
+  publisher_.finish(
+      reason);  // before the loop: in a replay that loses nothing, it may be waiting for a client
   loop_.stop();
   recorder_->stop_recording();
   report(std::chrono::steady_clock::now());
-  publisher_.finish(reason);
   log_.info(fmt::format("end reason=\"{}\" {}", reason, status_line(status_)));
 }
 

@@ -133,6 +133,19 @@ TEST_F(Replay, SigtermSaysByeAndEndsSoon) {
   EXPECT_FALSE(fs::exists(socket()));
 }
 
+TEST_F(Replay, SigtermIsHeededWhileAClientTakesNothing) {
+  auto sets = replay_of(made_up_files(9000));
+  sets.insert(sets.end(), {"source.loop=true", "source.wait_clients=1", "stream.idle_close_s=3600"});
+  const auto daemon = start(sets);
+  const auto client = connect(Format::json);
+  Subscription asked;
+  asked.pose = true;
+  client->subscribe(asked);  // and never reads: the replay, which may lose nothing, stands still
+  ASSERT_TRUE(eventually([&] { return daemon->has_said("state is"); })) << daemon->log();
+  daemon->send(SIGTERM);
+  EXPECT_EQ(daemon->wait(), 0);
+}
+
 TEST_F(Replay, ReloadKeepsClientsAndSaysWhatNeedsARestart) {
   auto sets = replay_of(made_up_files(6000));
   sets.erase(sets.end() - 1);  // people.min_score is the file's
