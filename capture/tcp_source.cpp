@@ -144,7 +144,7 @@ TcpSource::Read TcpSource::read_more(Connection& connection) {
 
 std::string TcpSource::describe() const {
   std::string all = "csitool tcp (insecure)";
-  for (const Listener& listener : listeners_) all += " " + listener.address.text();
+  for (const Listener& listener : listeners_) all.append(1, ' ').append(listener.address.text());
   return all;
 }
 
