@@ -96,7 +96,8 @@ inline float sum(const Float16& lanes) {
 
 /// cos and sin of 2 pi `turns`, |turns| < 2^22, to 4e-7: half a turn is folded to a quarter either side of 0, where
 /// Taylor's series serve; cos goes by the half angle, sin's sign survives the fold.
-inline void cos_sin_turns(const Float16& turns, Float16& cosine, Float16& sine) {
+__attribute__((always_inline)) inline void cos_sin_turns(const Float16& turns, Float16& cosine,
+                                                         Float16& sine) {
   // cos 2x = 1 - 2 sin^2 x and sin 2x = 2 sin x cos x with x = pi (turns - nearest) in -pi/2 .. pi/2
   const Float16 x = (turns - nearest(turns)) * 3.14159265358979323846f;
   const Float16 x2 = x * x;

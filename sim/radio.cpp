@@ -128,14 +128,15 @@ std::uint8_t rssi_for(double power_dbm, std::uint8_t agc_db) {
 
 ReceiverChannel distort(const Nic& nic, const PacketTrouble& trouble, const Band& band,
                         const ReceiverChannel& h) {
+  std::array<std::complex<double>, kAntennas> branch;
+  for (std::size_t a = 0; a < kAntennas; ++a)
+    branch[a] = std::polar(nic.gain[a], nic.phase_rad[a] + trouble.carrier_phase_rad);
   ReceiverChannel x;
   for (std::size_t k = 0; k < kSubcarriers; ++k) {
     const double slope_rad = -2 * std::numbers::pi * band.offset_hz(k) * trouble.delay_s;
     const double half_turn_rad = band.is_40mhz && band.offset_hz(k) > 0 ? std::numbers::pi / 2 : 0;
-    for (std::size_t a = 0; a < kAntennas; ++a)
-      x[k][a] =
-          h[k][a] * std::polar(nic.gain[a] * nic.passband[a][k],
-                               slope_rad + half_turn_rad + nic.phase_rad[a] + trouble.carrier_phase_rad);
+    const std::complex<double> turn = std::polar(1.0, slope_rad + half_turn_rad);
+    for (std::size_t a = 0; a < kAntennas; ++a) x[k][a] = h[k][a] * branch[a] * (turn * nic.passband[a][k]);
   }
   return x;
 }

@@ -15,18 +15,27 @@ ReceiverBank::ReceiverBank(ImpairmentLevel level, const Band& band, std::uint64_
     radios_.emplace_back(on_, band, draw_nic(on_, seed, clip, r), r, rate_hz);
 }
 
-void ReceiverBank::send(const Channel& channel, std::array<std::vector<std::uint8_t>, kReceivers>& logs) {
-  const double sent_s = next_.number / rate_hz_ + access_delay_s(on_, next_);
-  // Counters from 1: 0 is the word for "no counter known".
-  const auto frame = encode_csip_record(
-      {session_, std::uint64_t{next_.number} + 1, static_cast<std::uint64_t>(sent_s * 1e9)});
+ReceiverBank::Heard ReceiverBank::hear(const Channel& channel) {
+  Heard heard;
+  heard.sent_s = next_.number / rate_hz_ + access_delay_s(on_, next_);
   for (std::size_t r = 0; r < kReceivers; ++r) {
     CsiRecord record;
-    if (!radios_[r].receive(next_, sent_s, channel[r], record)) continue;
-    logs[r].insert(logs[r].end(), frame.begin(), frame.end());
-    append_bfee_record(record, logs[r]);
+    if (radios_[r].receive(next_, heard.sent_s, channel[r], record)) heard.records[r] = record;
   }
   ++next_.number;
+  return heard;
+}
+
+void ReceiverBank::send(const Channel& channel, std::array<std::vector<std::uint8_t>, kReceivers>& logs) {
+  // Counters from 1: 0 is the word for "no counter known".
+  const std::uint64_t counter = std::uint64_t{next_.number} + 1;
+  const Heard heard = hear(channel);
+  const auto frame = encode_csip_record({session_, counter, static_cast<std::uint64_t>(heard.sent_s * 1e9)});
+  for (std::size_t r = 0; r < kReceivers; ++r) {
+    if (!heard.records[r]) continue;
+    logs[r].insert(logs[r].end(), frame.begin(), frame.end());
+    append_bfee_record(*heard.records[r], logs[r]);
+  }
 }
 
 }  // namespace csipose::sim

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "sim/radio.h"
@@ -18,6 +19,14 @@ class ReceiverBank {
   /// `session` names the run of the injector in its frames.
   ReceiverBank(ImpairmentLevel level, const Band& band, std::uint64_t seed, std::uint32_t clip,
                double rate_hz);
+
+  /// What each receiver records of one packet; nothing where it missed it.
+  struct Heard {
+    double sent_s = 0;
+    std::array<std::optional<CsiRecord>, kReceivers> records;
+  };
+  /// Sends the next packet through `channel`, whose place on the grid is packet number / rate.
+  Heard hear(const Channel& channel);
 
   /// Sends the next packet through `channel`, whose place on the grid is packet number / rate. Appends what
   /// each receiver logs of it, or nothing.

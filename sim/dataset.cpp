@@ -1,0 +1,240 @@
+#include "sim/dataset.h"
+
+#include <fcntl.h>
+#include <fmt/core.h>
+#include <sodium/crypto_hash_sha256.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cassert>
+#include <cerrno>
+#include <exception>
+#include <fstream>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <system_error>
+#include <thread>
+
+#include "proto/result.h"
+#include "sim/atomic_file.h"
+
+namespace csipose::sim {
+namespace {
+namespace fs = std::filesystem;
+
+constexpr const char* kManifest = "dataset.json";
+constexpr const char* kProgress = "progress.bin";
+constexpr const char* kPlan = "begun.json";
+
+std::string words_of_errno() { return std::generic_category().message(errno); }
+
+int open_for(const fs::path& path, int flags) {
+  const int file = ::open(path.c_str(), flags | O_CLOEXEC, 0644);
+  if (file < 0)
+    throw SetupError(ExitStatus::cannot_create,
+                     fmt::format("cannot open {} for writing: {}", path.string(), words_of_errno()));
+  return file;
+}
+
+void write_at(int file, ByteView bytes, std::size_t offset, const fs::path& path) {
+  for (std::size_t done = 0; done < bytes.size();) {
+    const ssize_t n =
+        ::pwrite(file, bytes.data() + done, bytes.size() - done, static_cast<off_t>(offset + done));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0)
+      throw SetupError(
+          ExitStatus::io,
+          fmt::format(
+              "cannot write to {}: {}; free some space and run the same command again: it goes on where "
+              "it stopped",
+              path.string(), words_of_errno()));
+    done += static_cast<std::size_t>(n);
+  }
+}
+
+/// NumPy format 1.0: magic, version, header length, then a Python literal padded to 64 bytes.
+std::string npy_header(const std::string& descr, const NpyShape& shape) {
+  std::string dims;
+  for (const std::size_t n : shape) dims += fmt::format("{}{}", dims.empty() ? "" : ", ", n);
+  if (shape.size() == 1) dims += ",";
+  std::string text = fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': ({}), }}", descr, dims);
+  text.resize((10 + text.size() + 1 + 63) / 64 * 64 - 10 - 1, ' ');
+  text += '\n';
+  std::string header("\x93NUMPY\x01\x00", 8);
+  header += static_cast<char>(text.size() & 0xFF);
+  header += static_cast<char>(text.size() >> 8);
+  return header + text;
+}
+
+std::string read_text(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+std::string sha256_of(const fs::path& path) {
+  crypto_hash_sha256_state state;
+  crypto_hash_sha256_init(&state);
+  std::ifstream in(path, std::ios::binary);
+  std::vector<char> buffer(1 << 20);
+  while (in.read(buffer.data(), static_cast<std::streamsize>(buffer.size())) || in.gcount() > 0)
+    crypto_hash_sha256_update(&state, reinterpret_cast<const unsigned char*>(buffer.data()),
+                              static_cast<unsigned long long>(in.gcount()));
+  unsigned char digest[crypto_hash_sha256_BYTES];
+  crypto_hash_sha256_final(&state, digest);
+  std::string hex;
+  for (const unsigned char byte : digest) hex += fmt::format("{:02x}", byte);
+  return hex;
+}
+
+void write_text(const fs::path& path, const std::string& text) {
+  AtomicFile file(path);
+  file.write(text);
+  file.commit();
+}
+
+nlohmann::ordered_json plan_json(const DatasetPlan& plan) {
+  nlohmann::ordered_json json;
+  json["format"] = "csipose-dataset 1";
+  json["clips"] = plan.clips;
+  json["frames_per_clip"] = plan.frames_per_clip;
+  json["made_by"] = plan.made_by;
+  for (const ArrayPlan& array : plan.arrays)
+    json["arrays"][array.name + ".npy"] = {{"dtype", array.descr}, {"row", array.row}};
+  return json;
+}
+
+}  // namespace
+
+Dataset::Dataset(DatasetPlan plan) : plan_(std::move(plan)), done_(plan_.clips, 0) {
+  make_folder(plan_.folder);
+  const std::string ours = plan_json(plan_).dump(1) + "\n";
+  const fs::path begun = plan_.folder / kPlan, manifest = plan_.folder / kManifest;
+  if (fs::exists(manifest)) {
+    const auto there = nlohmann::ordered_json::parse(read_text(manifest), nullptr, false);
+    if (!there.is_object() || !there.contains("plan") || there["plan"] != plan_json(plan_))
+      throw SetupError(ExitStatus::bad_data,
+                       fmt::format("{} already holds another data set; choose another folder with --out, or "
+                                   "delete this one",
+                                   plan_.folder.string()));
+    finished_ = true;
+    std::fill(done_.begin(), done_.end(), 1);
+    return;
+  }
+  if (fs::exists(begun)) {
+    if (read_text(begun) != ours)
+      throw SetupError(
+          ExitStatus::bad_data,
+          fmt::format(
+              "{} was begun by a different command ({} says which); finish it with that one, choose another "
+              "folder, or delete this one",
+              plan_.folder.string(), begun.string()));
+  } else {
+    create_arrays();
+    write_text(begun, ours);
+  }
+  open_arrays();
+}
+
+Dataset::~Dataset() {
+  for (const int file : files_) ::close(file);
+  if (progress_ >= 0) ::close(progress_);
+}
+
+fs::path Dataset::array_path(const ArrayPlan& array) const { return plan_.folder / (array.name + ".npy"); }
+
+void Dataset::create_arrays() {
+  const std::size_t frames = std::size_t{plan_.clips} * plan_.frames_per_clip;
+  for (const ArrayPlan& array : plan_.arrays) {
+    NpyShape shape{frames};
+    shape.insert(shape.end(), array.row.begin(), array.row.end());
+    const std::string header = npy_header(array.descr, shape);
+    const int file = open_for(array_path(array), O_WRONLY | O_CREAT | O_TRUNC);
+    write_at(file, header, 0, array_path(array));
+    const int grown = ::ftruncate(file, static_cast<off_t>(header.size() + frames * array.row_bytes()));
+    ::close(file);
+    if (grown != 0)
+      throw SetupError(ExitStatus::io, fmt::format("{} cannot grow to its size: {}",
+                                                   array_path(array).string(), words_of_errno()));
+  }
+  const int progress = open_for(plan_.folder / kProgress, O_WRONLY | O_CREAT | O_TRUNC);
+  write_at(progress, done_, 0, plan_.folder / kProgress);
+  ::close(progress);
+}
+
+void Dataset::open_arrays() {
+  const std::size_t frames = std::size_t{plan_.clips} * plan_.frames_per_clip;
+  for (const ArrayPlan& array : plan_.arrays) {
+    files_.push_back(open_for(array_path(array), O_WRONLY));
+    data_at_.push_back(fs::file_size(array_path(array)) - frames * array.row_bytes());
+  }
+  const std::string progress = read_text(plan_.folder / kProgress);
+  if (progress.size() != done_.size())
+    throw SetupError(ExitStatus::bad_data,
+                     fmt::format("{} is damaged: {} bytes where one per clip, {}, are due; delete the folder "
+                                 "and begin again",
+                                 (plan_.folder / kProgress).string(), progress.size(), done_.size()));
+  std::copy(progress.begin(), progress.end(), done_.begin());
+  progress_ = open_for(plan_.folder / kProgress, O_WRONLY);
+}
+
+void Dataset::write(std::uint32_t clip, const ClipRows& rows) {
+  assert(rows.size() == plan_.arrays.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const std::size_t bytes = plan_.arrays[i].row_bytes() * plan_.frames_per_clip;
+    assert(rows[i].size() == bytes);
+    write_at(files_[i], rows[i], data_at_[i] + clip * bytes, array_path(plan_.arrays[i]));
+  }
+  done_[clip] = 1;
+  write_at(progress_, ByteView("\x01", 1), clip, plan_.folder / kProgress);
+}
+
+std::string Dataset::manifest() const {
+  nlohmann::ordered_json json;
+  json["plan"] = plan_json(plan_);
+  for (const ArrayPlan& array : plan_.arrays)
+    json["sha256"][array.name + ".npy"] = sha256_of(array_path(array));
+  return json.dump(1) + "\n";
+}
+
+void Dataset::finish() {
+  assert(std::all_of(done_.begin(), done_.end(), [](char done) { return done != 0; }));
+  if (finished_) return;
+  write_text(plan_.folder / kManifest, manifest());
+  fs::remove(plan_.folder / kProgress);
+  fs::remove(plan_.folder / kPlan);
+  finished_ = true;
+}
+
+void fill(Dataset& dataset, std::uint32_t clips, unsigned threads,
+          const std::function<ClipRows(std::uint32_t)>& make,
+          const std::function<void(std::uint32_t, std::uint32_t)>& report) {
+  std::vector<std::uint32_t> missing;
+  for (std::uint32_t clip = 0; clip < clips; ++clip)
+    if (!dataset.has(clip)) missing.push_back(clip);
+  std::atomic<std::size_t> next{0};
+  std::mutex mutex;
+  std::uint32_t done = clips - static_cast<std::uint32_t>(missing.size());
+  std::exception_ptr failure;
+  const auto work = [&] {
+    try {
+      for (std::size_t i = next++; i < missing.size(); i = next++) {
+        const ClipRows rows = make(missing[i]);
+        dataset.write(missing[i], rows);
+        const std::lock_guard lock(mutex);
+        report(++done, clips);
+      }
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      if (!failure) failure = std::current_exception();
+      next = missing.size();
+    }
+  };
+  std::vector<std::thread> workers;
+  for (unsigned i = 1; i < threads; ++i) workers.emplace_back(work);
+  work();
+  for (std::thread& worker : workers) worker.join();
+  if (failure) std::rethrow_exception(failure);
+}
+
+}  // namespace csipose::sim
