@@ -224,7 +224,7 @@ double Body::bounding_radius_m() const {
     case Shape::box:
       return glm::length(half_m);
     case Shape::cylinder:
-      return std::hypot(half_m.x, half_m.z);
+      return std::sqrt(half_m.x * half_m.x + half_m.z * half_m.z);
   }
   return 0;
 }
@@ -237,7 +237,7 @@ double Body::support_m(const Vec3& w) const {
     case Shape::box:
       return glm::dot(glm::abs(local), half_m);
     case Shape::cylinder:
-      return half_m.x * std::hypot(local.x, local.y) + half_m.z * std::abs(local.z);
+      return half_m.x * std::sqrt(local.x * local.x + local.y * local.y) + half_m.z * std::abs(local.z);
   }
   return 0;
 }

@@ -29,9 +29,9 @@ double turning(const Vec2& from, const Vec2& edge, double scale) {
 
 /// Points of a closed smooth outline: the phase pi/2 rho^2 turns fastest where it is far and large.
 double outline_points(const OutlineEllipse& e) {
-  const double a = std::max(glm::length(e.first), glm::length(e.second));
-  const double reach = std::hypot(glm::length(e.first), glm::length(e.second));
-  return 2.2 * (glm::length(e.centre) + reach) * a + 16;
+  const double first2 = glm::dot(e.first, e.first), second2 = glm::dot(e.second, e.second);
+  const double reach = std::sqrt(first2 + second2);
+  return 2.2 * (glm::length(e.centre) + reach) * std::sqrt(std::max(first2, second2)) + 16;
 }
 
 EllipseOutline as_floats(const OutlineEllipse& e) {

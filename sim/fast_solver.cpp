@@ -355,7 +355,8 @@ void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Ref
     const double onward_m = glm::dot(step, last);
     const double length_m =
         r.s1_m + r.s2_m + onward_m + (glm::dot(step, step) - onward_m * onward_m) / (2 * bend_m);
-    const double turns = std::fmod(scene_.carrier_hz / kSpeedOfLight_m_s * length_m, 1.0);
+    const double cycles = scene_.carrier_hz / kSpeedOfLight_m_s * length_m,
+                 turns = cycles - std::floor(cycles);
     ToneSum* sum = sum_at(t, task.receiver * per_receiver_ + a);
     for (std::size_t b = 0; b < blocks_; ++b)
       kernels_.add_path(sum[b], f(amplitude.real()), f(amplitude.imag()), f(turns),

@@ -53,18 +53,18 @@ void FrameMaker::add_frame(std::span<const std::vector<Body>> bodies, ClipRows& 
     append_records(rows);
 }
 
-Channel FrameMaker::channel_at(std::size_t snapshot) const {
+Channel channel_of(std::span<const std::complex<float>> h, std::size_t snapshot) {
   Channel channel;
   for (std::size_t k = 0; k < kSubcarriers; ++k)
     for (std::size_t r = 0; r < kReceivers; ++r)
       for (std::size_t a = 0; a < kAntennas; ++a)
-        channel[r][k][a] = h_[((snapshot * kSubcarriers + k) * kReceivers + r) * kAntennas + a];
+        channel[r][k][a] = h[((snapshot * kSubcarriers + k) * kReceivers + r) * kAntennas + a];
   return channel;
 }
 
 void FrameMaker::append_records(ClipRows& rows) {
   for (std::size_t t = 0; t < kSamples; ++t)
-    for (const auto& record : bank_.hear(channel_at(t)).records) {
+    for (const auto& record : bank_.hear(channel_of(h_, t)).records) {
       const CsiRecord kept = record.value_or(CsiRecord{});  // lost: zeros
       const std::uint8_t received = record.has_value();
       append(rows[1], matrix_of(kept).data(), kSubcarriers * kAntennas * 2);

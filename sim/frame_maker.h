@@ -16,6 +16,9 @@ enum class Storage : std::uint8_t {
 /// The arrays of a frame of kSamples snapshots, but for labels.
 std::vector<ArrayPlan> frame_arrays(Storage storage);
 
+/// One snapshot of a solver's H[snapshot][kSubcarriers][kReceivers][kAntennas], as radios take it.
+Channel channel_of(std::span<const std::complex<float>> h, std::size_t snapshot);
+
 /// One clip's frames, one after another.
 class FrameMaker {
  public:
@@ -28,7 +31,6 @@ class FrameMaker {
 
  private:
   void append_records(ClipRows& rows);
-  Channel channel_at(std::size_t snapshot) const;
 
   Storage storage_;
   std::uint32_t clip_;

@@ -82,6 +82,12 @@ std::vector<Vec3> rim_points(const Body& body) {
   return points;
 }
 
+void set_across(ShadowView& view) {
+  const Vec3 other = std::abs(view.along.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
+  view.u = glm::normalize(glm::cross(other, view.along));
+  view.v = glm::cross(view.along, view.u);
+}
+
 std::complex<double> contour_shadow(const Body& body, const Leg& leg, const ShadowView& view) {
   if (body.shape != Shape::ellipsoid) return 1.0 - polygon_contour(hull_outline(body, leg, view)) / (2 * kPi);
   const OutlineEllipse e = ellipsoid_outline(body, view);
@@ -103,17 +109,17 @@ ShadowView shadow_view(const Body& body, const Leg& leg, double wavelength_m) {
   v.off = body.centre - leg.from - x * v.along;
   const double d1 = std::max(leg.before_m + x, 0.05), d2 = std::max(leg.total_m - leg.before_m - x, 0.05);
   v.per_metre = std::sqrt(2 / wavelength_m * (1 / d1 + 1 / d2));
-  const Vec3 other = std::abs(v.along.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
-  v.u = glm::normalize(glm::cross(other, v.along));
-  v.v = glm::cross(v.along, v.u);
 
-  // A body behind either end of the leg dims nothing; it fades in as it comes between.
+  // In the open beside a smooth body its reflection already carries the edge wave: the outline's part is blended out.
   const double radius = body.bounding_radius_m(), distance = glm::length(v.off);
+  const double reach = distance > 0 ? body.support_m(v.off / distance) : radius;
+  const double open = smooth_step(((distance - reach) * v.per_metre - 2) / 2);
+  if (open >= 1) return v;
+  // A body behind either end of the leg dims nothing; it fades in as it comes between.
   const double ends =
       smooth_step((x + radius) / (2 * radius)) * smooth_step((length - x + radius) / (2 * radius));
-  // In the open beside a smooth body its reflection already carries the edge wave: the outline's part is blended out.
-  const double reach = distance > 0 ? body.support_m(v.off / distance) : radius;
-  v.weight = ends * (1 - smooth_step(((distance - reach) * v.per_metre - 2) / 2));
+  v.weight = ends * (1 - open);
+  set_across(v);
   return v;
 }
 
@@ -136,7 +142,9 @@ std::vector<Vec2> hull_outline(const Body& body, const Leg& leg, const ShadowVie
 }
 
 std::complex<double> contour_shadow(const Body& body, const Leg& leg, double wavelength_m) {
-  return contour_shadow(body, leg, shadow_view(body, leg, wavelength_m));
+  ShadowView view = shadow_view(body, leg, wavelength_m);
+  set_across(view);
+  return contour_shadow(body, leg, view);
 }
 
 std::complex<double> shadow_factor(const Body& body, const Leg& leg, double wavelength_m) {

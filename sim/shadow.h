@@ -17,10 +17,11 @@ struct Leg {
 
 /// A body as seen along a leg.
 struct ShadowView {
-  Vec3 along{}, u{}, v{};  ///< the leg's direction and two across it, right-handed
-  Vec3 off{};              ///< from the leg's nearest point to the body's centre
-  double per_metre = 0;    ///< s: scaled coordinate per metre across; the Fresnel zones there
-  double weight = 0;       ///< how much of F - 1 counts: 0 in the open and behind the leg's ends
+  Vec3 along{};          ///< the leg's direction
+  Vec3 u{}, v{};         ///< two across it, right-handed; only where weight > 0
+  Vec3 off{};            ///< from the leg's nearest point to the body's centre
+  double per_metre = 0;  ///< s: scaled coordinate per metre across; the Fresnel zones there
+  double weight = 0;     ///< how much of F - 1 counts: 0 in the open and behind the leg's ends
 };
 ShadowView shadow_view(const Body& body, const Leg& leg, double wavelength_m);
 
