@@ -19,7 +19,8 @@ class ByteView {
   ByteView(const void* data, std::size_t size) : data_(static_cast<const std::uint8_t*>(data)), size_(size) {}
   /// Any contiguous container of bytes: std::vector<std::uint8_t>, std::array, std::string_view.
   template <class Container, class = decltype(std::declval<const Container&>().data())>
-  ByteView(const Container& container) : ByteView(static_cast<const void*>(container.data()), container.size()) {
+  ByteView(const Container& container)
+      : ByteView(static_cast<const void*>(container.data()), container.size()) {
     static_assert(sizeof(*container.data()) == 1, "a ByteView is made of bytes");
   }
 
@@ -53,9 +54,7 @@ void store_le(std::uint8_t* p, Integer value) {
   for (std::size_t i = 0; i < sizeof(Integer); ++i)
     p[i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i));
 }
-inline std::uint16_t load_be16(const std::uint8_t* p) {
-  return static_cast<std::uint16_t>(p[0] << 8 | p[1]);
-}
+inline std::uint16_t load_be16(const std::uint8_t* p) { return static_cast<std::uint16_t>(p[0] << 8 | p[1]); }
 inline void store_be16(std::uint8_t* p, std::uint16_t value) {
   p[0] = static_cast<std::uint8_t>(value >> 8);
   p[1] = static_cast<std::uint8_t>(value);

@@ -16,14 +16,15 @@ struct CsiRecord {
   std::uint32_t timestamp_low = 0;  ///< us, low half of the NIC's 1 MHz TSF; wraps every 4294.967296 s
   std::uint16_t bfee_count = 0;     ///< driver's counter of CSI notifications
   std::uint8_t nrx = 0, ntx = 0;    ///< receive chains and space-time streams in this matrix, 1..3
-  std::array<std::uint8_t, kAntennas> rssi{};  ///< dB above an internal reference, physical antenna A, B, C; 0 = not used
-  std::int8_t noise_dbm = 0;        ///< -127 = unknown
+  std::array<std::uint8_t, kAntennas>
+      rssi{};                 ///< dB above an internal reference, physical antenna A, B, C; 0 = not used
+  std::int8_t noise_dbm = 0;  ///< -127 = unknown
   std::uint8_t agc_db = 0;
-  std::uint8_t antenna_sel = 0;     ///< as sent; perm is derived from it
+  std::uint8_t antenna_sel = 0;  ///< as sent; perm is derived from it
   std::uint16_t payload_length = 0;
-  std::uint16_t rate = 0;           ///< low 14 bits of rate_n_flags
+  std::uint16_t rate = 0;                      ///< low 14 bits of rate_n_flags
   std::array<std::uint8_t, kAntennas> perm{};  ///< chain j belongs to physical antenna perm[j] (A=0)
-  bool perm_valid = false;          ///< first nrx entries distinct and below 3; if not, csi stays in chain order
+  bool perm_valid = false;  ///< first nrx entries distinct and below 3; if not, csi stays in chain order
   bool all_zero_csi = false;
   bool all_zero_rssi = false;
 

@@ -21,22 +21,35 @@ struct Point3 {
 using Skeleton = std::array<Point3, kJoints>;
 
 inline constexpr std::array<std::string_view, kJoints> kJointNames = {
-    "neck",  "head",      "left_shoulder", "right_shoulder", "left_elbow",  "left_hip",   "right_elbow",
-    "right_hip", "left_hand", "left_knee",  "right_hand",     "right_knee", "left_ankle", "right_ankle"};
-inline constexpr std::array<std::array<std::uint8_t, 2>, 14> kBones = {
-    {{0, 1}, {0, 2}, {0, 3}, {2, 4}, {4, 8}, {3, 6}, {6, 10}, {2, 5}, {3, 7}, {5, 7}, {5, 9}, {9, 12}, {7, 11}, {11, 13}}};
+    "neck",      "head",      "left_shoulder", "right_shoulder", "left_elbow", "left_hip",   "right_elbow",
+    "right_hip", "left_hand", "left_knee",     "right_hand",     "right_knee", "left_ankle", "right_ankle"};
+inline constexpr std::array<std::array<std::uint8_t, 2>, 14> kBones = {{{0, 1},
+                                                                        {0, 2},
+                                                                        {0, 3},
+                                                                        {2, 4},
+                                                                        {4, 8},
+                                                                        {3, 6},
+                                                                        {6, 10},
+                                                                        {2, 5},
+                                                                        {3, 7},
+                                                                        {5, 7},
+                                                                        {5, 9},
+                                                                        {9, 12},
+                                                                        {7, 11},
+                                                                        {11, 13}}};
 inline constexpr std::size_t kLeftHip = 5, kRightHip = 7;
 
 inline constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();  ///< null in JSON, NaN in protobuf
 
 struct Person {
-  std::uint32_t id = 0;      ///< stable while tracked, never reused within a session; 0 = tracking off
-  float score = 0;           ///< probability that this is a person
-  Skeleton joints{};         ///< room frame, after smoothing
-  Skeleton joints_raw{};     ///< before smoothing; meaningful only when the frame says `smoothed`
-  std::array<float, kJoints> confidence{};  ///< probability of an error under 150 mm; NaN where the model has no such head
-  std::array<float, kJoints> sigma_m{};     ///< expected error, metres; NaN likewise
-  std::uint32_t age_ms = 0;  ///< time tracked
+  std::uint32_t id = 0;   ///< stable while tracked, never reused within a session; 0 = tracking off
+  float score = 0;        ///< probability that this is a person
+  Skeleton joints{};      ///< room frame, after smoothing
+  Skeleton joints_raw{};  ///< before smoothing; meaningful only when the frame says `smoothed`
+  std::array<float, kJoints>
+      confidence{};  ///< probability of an error under 150 mm; NaN where the model has no such head
+  std::array<float, kJoints> sigma_m{};  ///< expected error, metres; NaN likewise
+  std::uint32_t age_ms = 0;              ///< time tracked
 
   Point3 root() const {
     const Point3 &l = joints[kLeftHip], &r = joints[kRightHip];
@@ -45,12 +58,29 @@ struct Person {
 };
 
 enum class Source : std::uint8_t { live = 1, replay = 2, simulated = 3 };
-enum class State : std::uint8_t { warmup = 1, empty = 2, tracking = 3, degraded = 4, stale = 5, paused = 6, fault = 7 };
+enum class State : std::uint8_t {
+  warmup = 1,
+  empty = 2,
+  tracking = 3,
+  degraded = 4,
+  stale = 5,
+  paused = 6,
+  fault = 7
+};
 
 /// Why a frame is not plain TRACKING or EMPTY. Numbers are those of csipose.proto's enum Reason.
 enum class Reason : std::uint8_t {
-  rx_missing = 1, gap = 2, skew = 3, nan_input = 4, deadline = 5, no_model = 6, untrained = 7, too_few_links = 8,
-  mixed_width = 9, no_data = 10, clock_unknown = 11
+  rx_missing = 1,
+  gap = 2,
+  skew = 3,
+  nan_input = 4,
+  deadline = 5,
+  no_model = 6,
+  untrained = 7,
+  too_few_links = 8,
+  mixed_width = 9,
+  no_data = 10,
+  clock_unknown = 11
 };
 /// A set of reasons, one bit each: 1 << number.
 using Reasons = std::uint32_t;
@@ -61,20 +91,22 @@ inline constexpr std::size_t kStages = 5;
 
 /// One published frame. Trivially copyable, so that rings between threads hold it by value.
 struct PoseFrame {
-  std::uint64_t seq = 0;            ///< +1 for each frame of this session
-  std::uint64_t session = 0;        ///< changes at each start; in a replay derived from recording, model and settings
+  std::uint64_t seq = 0;  ///< +1 for each frame of this session
+  std::uint64_t session =
+      0;  ///< changes at each start; in a replay derived from recording, model and settings
   UtcTime window_start{}, window_end{}, published{};
-  std::int64_t mono_ns = 0;         ///< steady clock at publication
-  std::uint64_t clock_error_ns = 0; ///< bound on UTC's error from the kernel's clock state; 0 = unknown
+  std::int64_t mono_ns = 0;          ///< steady clock at publication
+  std::uint64_t clock_error_ns = 0;  ///< bound on UTC's error from the kernel's clock state; 0 = unknown
   Source source = Source::live;
   State state = State::warmup;
   Reasons reasons = 0;
-  std::array<char, 12> model{};     ///< first hex digits of the weights' digest
-  bool untrained = false;           ///< the weights are random
+  std::array<char, 12> model{};  ///< first hex digits of the weights' digest
+  bool untrained = false;        ///< the weights are random
   bool smoothed = false;
   std::uint32_t people_count = 0;
   std::array<Person, kMaxPeople> people{};
-  std::array<std::uint32_t, kStages> latency_us{};  ///< time spent per stage; all 0 in a replay, whose clock is the recording's
+  std::array<std::uint32_t, kStages>
+      latency_us{};  ///< time spent per stage; all 0 in a replay, whose clock is the recording's
   std::array<ReceiverQuality, kReceivers> receivers{};
 };
 

@@ -21,11 +21,20 @@ class [[nodiscard]] Result {
   Result(Error error) : state_(std::in_place_index<1>, std::move(error)) {}
   bool has_value() const { return state_.index() == 0; }
   explicit operator bool() const { return has_value(); }
-  Value& operator*() { assert(has_value()); return *std::get_if<0>(&state_); }
-  const Value& operator*() const { assert(has_value()); return *std::get_if<0>(&state_); }
+  Value& operator*() {
+    assert(has_value());
+    return *std::get_if<0>(&state_);
+  }
+  const Value& operator*() const {
+    assert(has_value());
+    return *std::get_if<0>(&state_);
+  }
   Value* operator->() { return &**this; }
   const Value* operator->() const { return &**this; }
-  const Error& error() const { assert(!has_value()); return *std::get_if<1>(&state_); }
+  const Error& error() const {
+    assert(!has_value());
+    return *std::get_if<1>(&state_);
+  }
 
  private:
   std::variant<Value, Error> state_;
@@ -33,15 +42,27 @@ class [[nodiscard]] Result {
 
 /// Exit statuses of all our programs (sysexits.h where that has a name). Never 0 after a failure.
 enum class ExitStatus : int {
-  ok = 0, runtime = 1, usage = 64, bad_data = 65, no_input = 66, unavailable = 69, bug = 70, os_refusal = 71,
-  cannot_create = 73, io = 74, try_again = 75, no_permission = 77, bad_config = 78
+  ok = 0,
+  runtime = 1,
+  usage = 64,
+  bad_data = 65,
+  no_input = 66,
+  unavailable = 69,
+  bug = 70,
+  os_refusal = 71,
+  cannot_create = 73,
+  io = 74,
+  try_again = 75,
+  no_permission = 77,
+  bad_config = 78
 };
 
 /// The set-up is wrong and a person must act. what() says what happened, to which thing, why and what to do, in one
 /// or two sentences; main() prints it after the program's name and exits with `status`.
 class SetupError : public std::runtime_error {
  public:
-  SetupError(ExitStatus exit_status, const std::string& words) : std::runtime_error(words), status(exit_status) {}
+  SetupError(ExitStatus exit_status, const std::string& words)
+      : std::runtime_error(words), status(exit_status) {}
   ExitStatus status;
 };
 

@@ -16,8 +16,8 @@ inline constexpr std::size_t kLinks = kReceivers * kAntennas;  // l = 3 * receiv
 inline constexpr std::size_t kSubcarriers = 30;                // Intel 5300 grouping, 20 and 40 MHz alike
 inline constexpr std::size_t kChannels = 2 * kSubcarriers;
 inline constexpr std::size_t kSamples = 20;
-inline constexpr std::size_t kTokens = kSamples * kLinks;      // token i = t * 9 + l
+inline constexpr std::size_t kTokens = kSamples * kLinks;  // token i = t * 9 + l
 inline constexpr std::size_t kJoints = 14;
-inline constexpr std::size_t kMaxPeople = 10;                  // the most that a frame can carry
+inline constexpr std::size_t kMaxPeople = 10;  // the most that a frame can carry
 
 }  // namespace csipose

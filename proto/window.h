@@ -15,8 +15,8 @@ using LinkSet = std::bitset<kLinks>;
 
 /// How one sample of one receiver came about.
 enum class SampleState : std::uint8_t {
-  missing,   ///< nothing within max_gap: x holds zeros
-  filled,    ///< repeated from the nearest older sample, at most max_gap samples old
+  missing,  ///< nothing within max_gap: x holds zeros
+  filled,   ///< repeated from the nearest older sample, at most max_gap samples old
   received,
 };
 
@@ -31,10 +31,10 @@ enum WindowReason : std::uint16_t {
 
 /// The state of one receiver during the window.
 struct ReceiverQuality {
-  float rate_hz = 0;                           ///< usable records a second over the last second
-  std::array<float, kAntennas> rssi_dbm{};     ///< mean over the window; NaN when nothing was received
-  float missing_ratio = 1;                     ///< samples of the window not received, 0..1
-  std::uint64_t last_counter = 0;              ///< newest transmit counter, unwrapped; 0 = none known
+  float rate_hz = 0;                        ///< usable records a second over the last second
+  std::array<float, kAntennas> rssi_dbm{};  ///< mean over the window; NaN when nothing was received
+  float missing_ratio = 1;                  ///< samples of the window not received, 0..1
+  std::uint64_t last_counter = 0;           ///< newest transmit counter, unwrapped; 0 = none known
 };
 
 struct Window {
@@ -42,10 +42,10 @@ struct Window {
   /// (-pi, pi]; t = 0 oldest; l = 3 * receiver + antenna. Masked entries are 0.
   std::array<float, kChannels * kSamples * kLinks> x{};
   std::array<std::array<SampleState, kReceivers>, kSamples> samples{};  ///< [t][receiver]
-  LinkSet links;                 ///< links whose 20 samples are all received or filled
-  std::uint16_t reasons = 0;     ///< WindowReason bits
-  std::int64_t end_slot = 0;     ///< grid index of the newest sample
-  SteadyTime last_sample{};      ///< instant of the newest sample on the receiver's clock
+  LinkSet links;              ///< links whose 20 samples are all received or filled
+  std::uint16_t reasons = 0;  ///< WindowReason bits
+  std::int64_t end_slot = 0;  ///< grid index of the newest sample
+  SteadyTime last_sample{};   ///< instant of the newest sample on the receiver's clock
   UtcTime first_sample_utc{}, last_sample_utc{};
   std::array<ReceiverQuality, kReceivers> receivers{};
 
