@@ -1,6 +1,9 @@
 #include "capture/scale.h"
 
+#include <algorithm>
+#include <cassert>
 #include <cmath>
+#include <cstring>
 #include <numbers>
 
 namespace csipose {
@@ -36,11 +39,24 @@ double rssi_sum(const CsiRecord& record) {
   return sum;
 }
 
-/// Sum of |c|^2 over all entries: at most 270 * 2 * 128^2, exact in 32 bits.
-std::int32_t csi_power(const CsiRecord& record) {
+/// Sum of |c|^2: at most 270 * 2 * 128^2, exact in 32 bits.
+std::int32_t csi_power(std::span<const std::int8_t> counts) {
   std::int32_t power = 0;
-  for (const std::int8_t count : record.csi) power += count * count;
+  for (const std::int8_t count : counts) power += count * count;
   return power;
+}
+
+/// The first `streams` streams of each row of three, close together: what the loops over them can be fast on.
+using Counts = std::array<std::int8_t, kCsiRows * kMaxStreams * 2>;
+template <std::size_t Streams>
+std::span<const std::int8_t> gather(const CsiRecord& record, Counts& counts) {
+  for (std::size_t row = 0; row < kCsiRows; ++row)
+    std::memcpy(counts.data() + row * Streams * 2, record.csi.data() + row * kMaxStreams * 2, Streams * 2);
+  return {counts.data(), kCsiRows * Streams * 2};
+}
+std::span<const std::int8_t> gather(const CsiRecord& record, std::size_t streams, Counts& counts) {
+  if (streams == 1) return gather<1>(record, counts);
+  return streams == 2 ? gather<2>(record, counts) : gather<3>(record, counts);
 }
 
 /// Gain of Ntx streams sharing one transmitter's power. Intel's 4.5 dB for three is not 10 log 3, and is
@@ -86,17 +102,8 @@ const Unmapping& unmapping(std::size_t ntx, bool is_40mhz) {
   return kAll[2 * (ntx - 2) + (is_40mhz ? 1 : 0)];
 }
 
-}  // namespace
-
-std::optional<double> total_rss_dbm(const CsiRecord& record) {
-  const double sum = rssi_sum(record);
-  if (sum == 0) return std::nullopt;
-  return 10 * std::log10(sum) - kGainOffsetDb - record.agc_db;
-}
-
-std::optional<double> scale_factor(const CsiRecord& record) {
+std::optional<double> factor_at_power(const CsiRecord& record, std::int32_t power) {
   const double rssi = rssi_sum(record);
-  const std::int32_t power = csi_power(record);
   if (rssi == 0 || power == 0) return std::nullopt;
   const double received_mw = rssi * power_ratio()(-static_cast<int>(kGainOffsetDb) - record.agc_db);
   const double scale = received_mw / (static_cast<double>(power) / kSubcarriers);
@@ -106,29 +113,46 @@ std::optional<double> scale_factor(const CsiRecord& record) {
   return std::sqrt(scale / (thermal + quantisation)) * stream_gain(record.ntx);
 }
 
-bool scale_csi(const CsiRecord& record, CsiMatrix& out) {
-  const std::optional<double> factor = scale_factor(record);
+}  // namespace
+
+std::optional<double> total_rss_dbm(const CsiRecord& record) {
+  const double sum = rssi_sum(record);
+  if (sum == 0) return std::nullopt;
+  return 10 * std::log10(sum) - kGainOffsetDb - record.agc_db;
+}
+
+std::optional<double> scale_factor(const CsiRecord& record) {
+  return factor_at_power(record, csi_power(record.csi));
+}
+
+bool scale_csi(const CsiRecord& record, CsiMatrix out) {
+  assert(out.size() >= kCsiRows * record.ntx && out.size() % kCsiRows == 0);
+  Counts memory;
+  const std::span<const std::int8_t> counts = gather(record, out.size() / kCsiRows, memory);
+  const std::optional<double> factor = factor_at_power(record, csi_power(counts));
   if (!factor) return false;
-  for (std::size_t i = 0; i < out.size(); ++i)
-    out[i] = {static_cast<float>(record.csi[2 * i] * *factor),
-              static_cast<float>(record.csi[2 * i + 1] * *factor)};
+  const double f = *factor;
+  auto* numbers = reinterpret_cast<float*>(out.data());  // std::complex is an array of two by its standard
+  for (std::size_t i = 0; i < counts.size(); ++i) numbers[i] = static_cast<float>(counts[i] * f);
   return true;
 }
 
-bool scale_csi_without_mapping(const CsiRecord& record, CsiMatrix& out) {
+bool scale_csi_without_mapping(const CsiRecord& record, CsiMatrix out) {
+  assert(out.size() >= kCsiRows * record.ntx && out.size() % kCsiRows == 0);
   if (record.ntx == 1) return scale_csi(record, out);
   const std::optional<double> factor = scale_factor(record);
   if (!factor) return false;
   const Unmapping& m = unmapping(record.ntx, record.is_40mhz());
-  out.fill(0);
-  for (std::size_t row = 0; row < kSubcarriers * kAntennas; ++row)
+  const std::size_t streams = out.size() / kCsiRows;
+  std::fill(out.begin(), out.end(), 0);
+  for (std::size_t row = 0; row < kCsiRows; ++row)
     for (std::size_t to = 0; to < record.ntx; ++to) {
       std::complex<double> sum = 0;
       for (std::size_t from = 0; from < record.ntx; ++from) {
         const std::size_t i = 2 * (row * kMaxStreams + from);
         sum += std::complex<double>(record.csi[i], record.csi[i + 1]) * m[from][to];
       }
-      out[row * kMaxStreams + to] = std::complex<float>(sum * *factor);
+      out[row * streams + to] = std::complex<float>(sum * *factor);
     }
   return true;
 }

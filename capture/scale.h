@@ -9,6 +9,7 @@
 #include <array>
 #include <complex>
 #include <optional>
+#include <span>
 
 #include "proto/csi_record.h"
 
@@ -16,8 +17,9 @@ namespace csipose {
 
 enum class AmplitudeMethod : std::uint8_t { raw, scaled };
 
-/// H[k][antenna][stream] of one record; absent antennas and streams are 0.
-using CsiMatrix = std::array<std::complex<float>, kSubcarriers * kAntennas * kMaxStreams>;
+/// H of one record, [k][antenna][stream] with T streams, T = size / 90; absent antennas and streams are 0.
+using CsiMatrix = std::span<std::complex<float>>;
+inline constexpr std::size_t kCsiRows = kSubcarriers * kAntennas;
 
 /// Received power before the card's gain, dBm; nullopt when all RSSI are 0.
 std::optional<double> total_rss_dbm(const CsiRecord& record);
@@ -27,12 +29,14 @@ std::optional<double> total_rss_dbm(const CsiRecord& record);
 ///   cost     some 50 ns, no allocation
 std::optional<double> scale_factor(const CsiRecord& record);
 
-/// Scaled CSI of one record, each entry rounded once from double. false, and `out` untouched, where
-/// undefined.
-bool scale_csi(const CsiRecord& record, CsiMatrix& out);
+/// Scaled CSI of one record, each number rounded once from double.
+///   requires  out of 90 * T numbers, T at least record.ntx
+///   returns   false, and `out` untouched, where undefined
+///   cost      some 120 ns at 3x1, no allocation
+bool scale_csi(const CsiRecord& record, CsiMatrix out);
 
-/// The same with the spatial mapping Q of an Intel 5300 transmitter removed: per subcarrier and antenna h *
-/// conj(Q)^T. Right only when the sender is one, or uses the same Q; with one stream it is scale_csi().
-bool scale_csi_without_mapping(const CsiRecord& record, CsiMatrix& out);
+/// The same with the spatial mapping Q of an Intel 5300 transmitter removed: per subcarrier and antenna
+/// h * conj(Q)^T. Right only when the sender is one, or uses the same Q; with one stream it is scale_csi().
+bool scale_csi_without_mapping(const CsiRecord& record, CsiMatrix out);
 
 }  // namespace csipose

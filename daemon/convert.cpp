@@ -18,7 +18,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kFieldColumns = 18;
-constexpr std::size_t kRows = kSubcarriers * kAntennas;  // of streams
 
 void make_folder(const fs::path& folder) {
   std::error_code error;
@@ -37,17 +36,6 @@ void for_each_csi(const LogFile& log, std::size_t receiver, const RecordVisitor&
   });
 }
 
-/// Takes streams 0..T-1 out of rows of three.
-template <class Number, class Source>
-void append_streams(const Source* rows_of_three, std::size_t per_stream, std::size_t streams,
-                    std::vector<Number>& out) {
-  out.clear();
-  for (std::size_t row = 0; row < kRows; ++row) {
-    const Source* begin = rows_of_three + row * kMaxStreams * per_stream;
-    out.insert(out.end(), begin, begin + streams * per_stream);
-  }
-}
-
 /// fields.npy, csi_raw.npy, csi_scaled.npy, csi_scaled_sm.npy.
 class RawArrays {
  public:
@@ -56,14 +44,14 @@ class RawArrays {
         has_offsets_(has_offsets),
         fields_(folder / "fields.npy", {kFieldColumns}),
         raw_(folder / "csi_raw.npy", {kSubcarriers, kAntennas, streams, 2}),
-        scaled_(folder / "csi_scaled.npy", {kSubcarriers, kAntennas, streams}) {
+        scaled_(folder / "csi_scaled.npy", {kSubcarriers, kAntennas, streams}),
+        channel_(kCsiRows * streams) {
     if (streams > 1)
       unmapped_.emplace(folder / "csi_scaled_sm.npy", NpyShape{kSubcarriers, kAntennas, streams});
   }
   void add(const CsiRecord& record, const RawRecord& raw) {
     add_fields(record, raw);
-    append_streams(record.csi.data(), 2, streams_, counts_);
-    raw_.append(counts_);
+    add_raw(record);
     add_scaled(scale_csi, record, scaled_);
     if (unmapped_) add_scaled(scale_csi_without_mapping, record, *unmapped_);
   }
@@ -97,12 +85,17 @@ class RawArrays {
         r.perm_valid};
     fields_.append(row);
   }
-  void add_scaled(bool (*scale)(const CsiRecord&, CsiMatrix&), const CsiRecord& record,
+  void add_raw(const CsiRecord& record) {
+    counts_.clear();
+    for (std::size_t i = 0; i < record.csi.size(); i += kMaxStreams * 2)
+      counts_.insert(counts_.end(), record.csi.begin() + i, record.csi.begin() + i + streams_ * 2);
+    raw_.append(counts_);
+  }
+  void add_scaled(bool (*scale)(const CsiRecord&, CsiMatrix), const CsiRecord& record,
                   NpyWriter<std::complex<float>>& file) {
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-    CsiMatrix h;
-    if (!scale(record, h)) h.fill({kNan, kNan});
-    append_streams(h.data(), 1, streams_, channel_);
+    if (!scale(record, channel_))
+      std::fill(channel_.begin(), channel_.end(), std::complex<float>(kNan, kNan));
     file.append(channel_);
   }
 
@@ -124,15 +117,15 @@ class PhaseArrays {
         phase_(folder / (is_joint() ? "phase_joint.npy" : "phase_phasefi.npy"), {kAntennas, kSubcarriers}),
         mask_(folder / "phase_mask.npy", {kAntennas, kSubcarriers}) {}
   void add(const CsiRecord& record) {
-    std::array<std::uint8_t, kRows> mask{};
+    std::array<std::uint8_t, kCsiRows> mask{};
     StreamPhase phase{};
     if (is_defined(record)) {
       const StreamCsi h =
           stream_csi(record, static_cast<std::size_t>(options_.stream), options_.undo_40mhz_rotation);
       phase = is_joint() ? sanitise_joint(h) : sanitise_phasefi(h, record.is_40mhz());
-      for (std::size_t i = 0; i < kRows; ++i) mask[i] = h[i / kSubcarriers][i % kSubcarriers] != 0.0;
+      for (std::size_t i = 0; i < kCsiRows; ++i) mask[i] = h[i / kSubcarriers][i % kSubcarriers] != 0.0;
     }
-    phase_.append({phase.front().data(), kRows});
+    phase_.append({phase.front().data(), kCsiRows});
     mask_.append(mask);
   }
   void finish() {

@@ -42,15 +42,26 @@ class ByteView {
   std::size_t size_ = 0;
 };
 
-/// Integers as they lie in memory, least significant byte first, whatever the host does.
+/// Integers as they lie in memory, least significant byte first, whatever the host does. On a little-endian host that is a
+/// copy; compilers do not see it in the loop, which made unpacking CSI four times as slow.
+inline constexpr bool kHostIsLittleEndian = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__;
 template <class Integer>
 Integer load_le(const std::uint8_t* p) {
+  if constexpr (kHostIsLittleEndian) {
+    Integer copy;
+    std::memcpy(&copy, p, sizeof copy);
+    return copy;
+  }
   std::uint64_t value = 0;
   for (std::size_t i = 0; i < sizeof(Integer); ++i) value |= std::uint64_t{p[i]} << (8 * i);
   return static_cast<Integer>(value);
 }
 template <class Integer>
 void store_le(std::uint8_t* p, Integer value) {
+  if constexpr (kHostIsLittleEndian) {
+    std::memcpy(p, &value, sizeof value);
+    return;
+  }
   for (std::size_t i = 0; i < sizeof(Integer); ++i)
     p[i] = static_cast<std::uint8_t>(static_cast<std::uint64_t>(value) >> (8 * i));
 }

@@ -15,20 +15,29 @@ constexpr std::size_t first_bit(std::size_t k, std::size_t j, std::size_t nrx, s
   return k * (16 * nrx * ntx + 3) + 3 + 16 * j * ntx;
 }
 
-/// All streams of one chain are at most 48 bits, so one 64-bit load shifted by at most 7 holds them; the
-/// sizes are template arguments because constant shifts and strides make this loop three times as fast.
+/// Stores `Chains` chains of Ntx entries each, which lie in `entries` from its low end, onto their antennas.
+template <std::size_t Chains, std::size_t Ntx>
+void place(std::uint64_t entries, const std::uint8_t* antenna, std::int8_t* csi) {
+  for (std::size_t j = 0; j < Chains; ++j, entries >>= 16 * Ntx) {
+    std::uint8_t bytes[8];
+    store_le(bytes, entries);
+    std::memcpy(csi + antenna[j] * kChainStride, bytes, 2 * Ntx);
+  }
+}
+
+/// A 64-bit load shifted by at most 7 holds 3 entries: all chains of one stream, or one chain of two or three. The sizes are
+/// template arguments because constant shifts and strides make this several times as fast.
 template <std::size_t Nrx, std::size_t Ntx>
 bool unpack(const std::uint8_t* payload, const std::array<std::uint8_t, kAntennas>& antenna,
             std::int8_t* csi) {
-  constexpr std::uint64_t kMask = (std::uint64_t{1} << (16 * Ntx)) - 1;
+  constexpr std::size_t kChains = Ntx == 1 ? Nrx : 1;
+  constexpr std::uint64_t kMask = (std::uint64_t{1} << (16 * kChains * Ntx)) - 1;
   std::uint64_t any = 0;
-  for (std::size_t k = 0; k < kSubcarriers; ++k)
-    for (std::size_t j = 0; j < Nrx; ++j) {
+  for (std::size_t k = 0; k < kSubcarriers; ++k, csi += kAntennas * kChainStride)
+    for (std::size_t j = 0; j < Nrx; j += kChains) {
       const std::size_t bit = first_bit(k, j, Nrx, Ntx);
       const std::uint64_t entries = (load_le<std::uint64_t>(payload + bit / 8) >> (bit % 8)) & kMask;
-      std::uint8_t bytes[8];
-      store_le(bytes, entries);
-      std::memcpy(csi + k * kAntennas * kChainStride + antenna[j] * kChainStride, bytes, 2 * Ntx);
+      place<kChains, Ntx>(entries, antenna.data() + j, csi);
       any |= entries;
     }
   return any != 0;

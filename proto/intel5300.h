@@ -29,7 +29,7 @@ constexpr std::size_t payload_bytes(std::size_t nrx, std::size_t ntx) { return 6
 ///   returns  nullopt when `out` is filled; else why not (short_record, bad_dims, bad_len, payload_short),
 ///   and
 ///            `out` is not to be read
-///   cost     some 100 ns, no allocation
+///   cost     some 80 ns at 3x1, no allocation
 std::optional<RecordFault> decode_bfee(ByteView body, CsiRecord& out);
 
 /// Counts into the stream's counters what decode_bfee() found: its refusal, or the flags of a good record.
