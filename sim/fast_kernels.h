@@ -63,6 +63,21 @@ struct EllipsoidLanes {
   float slope[16];               ///< out: |T^T g| there; 0 when found
 };
 
+/// Sixteen pairs of a leg and a body at once: how the body's outline looks along the leg, scaled (shadow.h).
+struct ShadowLanes {
+  float leg[9][16];     ///< LegRow, field by field
+  float centre[3][16];  ///< the body's
+  float j[9][16];       ///< its half axes as vectors: J, column by column
+  float radius[16];     ///< of its bounding sphere
+  float kind[16];       ///< 0 ellipsoid, 1 box, 2 cylinder
+  // Out.
+  float weight[16];              ///< of F - 1
+  float x[16], y[16];            ///< of the outline's middle
+  float px[3][16], py[3][16];    ///< the three half axes as seen along the leg
+  float ax[16], ay[16], by[16];  ///< of an ellipsoid: conjugate half axes (ax, ay) and (0, by)
+  float points[16];              ///< ... and how many points its outline wants
+};
+
 /// One path's tones: 32 of them, the last ones padding.
 struct ToneSum {
   float re[32], im[32];
@@ -82,6 +97,7 @@ struct FastKernels {
   int (*near_legs)(const LegColumns&, const Ball&, float two_over_lambda, std::uint32_t* found);
   int (*near_balls)(const BallColumns&, const LegRow&, float two_over_lambda, std::uint32_t* found);
   void (*ellipsoids)(EllipsoidLanes&);
+  void (*shadow_views)(ShadowLanes&, float two_over_lambda);
   /// sum += (re, im) e^{-j 2 pi (turns + offsets[k] delay)}, offsets in Hz.
   void (*add_path)(ToneSum& sum, float re, float im, float turns, float delay_s, const float offsets_hz[32]);
   /// sum += (re, im) * path, tone by tone.

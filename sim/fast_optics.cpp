@@ -34,11 +34,39 @@ double outline_points(const OutlineEllipse& e) {
   return 2.2 * (glm::length(e.centre) + reach) * std::sqrt(std::max(first2, second2)) + 16;
 }
 
-EllipseOutline as_floats(const OutlineEllipse& e) {
-  return {f(e.centre.x), f(e.centre.y), f(e.first.x), f(e.first.y), f(e.second.x), f(e.second.y)};
+/// A vector in the plane across a leg.
+struct Flat {
+  float x, y;
+};
+Flat operator+(Flat a, Flat b) { return {a.x + b.x, a.y + b.y}; }
+Flat operator-(Flat a, Flat b) { return {a.x - b.x, a.y - b.y}; }
+Flat operator*(float k, Flat a) { return {k * a.x, k * a.y}; }
+float cross(Flat a, Flat b) { return a.x * b.y - a.y * b.x; }
+float dot(Flat a, Flat b) { return a.x * b.x + a.y * b.y; }
+
+EdgePiece edge_piece(Flat from, Flat edge) {
+  const float length2 = dot(edge, edge);
+  const float t = length2 > 0 ? std::clamp(-dot(from, edge) / length2, 0.0f, 1.0f) : 0;
+  const Flat end = from + edge, nearest = from + t * edge;
+  const float turning = f(kPi / 2) * (dot(from, from) + dot(end, end) - 2 * dot(nearest, nearest));
+  return {from.x, from.y, edge.x, edge.y, panels_for(turning)};
 }
 
-double cross2(const Vec2& a, const Vec2& b) { return a.x * b.y - a.y * b.x; }
+/// A box seen along a leg is a zonogon: its half axes, turned into the upper half plane and taken by angle, are half of
+/// the outline's edges.
+std::array<EdgePiece, 6> box_outline(Flat centre, std::array<Flat, 3> p) {
+  for (Flat& axis : p)
+    if (axis.y < 0 || (axis.y == 0 && axis.x < 0)) axis = -1.0f * axis;
+  std::sort(p.begin(), p.end(), [](Flat a, Flat b) { return cross(a, b) > 0; });
+  std::array<EdgePiece, 6> edges;
+  Flat corner = centre - p[0] - p[1] - p[2];
+  for (std::size_t i = 0; i < 6; ++i) {
+    const Flat edge = (i < 3 ? 2.0f : -2.0f) * p[i % 3];
+    edges[i] = edge_piece(corner, edge);
+    corner = corner + edge;
+  }
+  return edges;
+}
 
 /// A cylinder's outline: half of either rim and the two lines that join them.
 struct CylinderOutline {
@@ -46,30 +74,29 @@ struct CylinderOutline {
   std::array<EdgePiece, 2> edges;
 };
 
-EdgePiece edge_piece(const Vec2& from, const Vec2& to) {
-  const Vec2 edge = to - from;
-  const double radians = glm::dot(edge, edge) > 0 ? turning(from, edge, kPi / 2) : 0;
-  return {f(from.x), f(from.y), f(edge.x), f(edge.y), panels_for(radians)};
+CylinderOutline cylinder_outline(Flat centre, Flat a, Flat b, Flat lift) {
+  if (cross(a, b) < 0) b = -1.0f * b;
+  // At the angle `start` the rim runs along the lift; the half turn from there belongs to the far rim, the rest to the near.
+  const float along = cross(lift, a), aside = cross(lift, b), size = std::sqrt(along * along + aside * aside);
+  const Flat first = size > 0 ? (along / size) * a + (aside / size) * b : a;
+  const float start = f(std::atan2(aside, along) / (2 * kPi));
+  const float width = std::sqrt(std::max(dot(a, a), dot(b, b)));
+  const auto arc = [&](Flat middle, float from) {
+    const float points =
+        2.2f * (std::sqrt(dot(middle, middle)) + std::sqrt(dot(a, a) + dot(b, b))) * width + 16;
+    return ArcPiece{{middle.x, middle.y, a.x, a.y, b.x, b.y}, from, 0.5f, panels_for(points / 2)};
+  };
+  return {{arc(centre - lift, start), arc(centre + lift, start + 0.5f)},
+          {edge_piece(centre - first - lift, 2.0f * lift), edge_piece(centre + first + lift, -2.0f * lift)}};
 }
 
-CylinderOutline cylinder_outline(const Body& body, const ShadowView& view) {
-  const auto across = [&](const Vec3& p) {
-    return view.per_metre * Vec2{glm::dot(p, view.u), glm::dot(p, view.v)};
-  };
-  const Vec2 centre = across(view.off), lift = across(body.half_m.z * body.axes[2]);
-  const Vec2 a = across(body.half_m.x * body.axes[0]);
-  Vec2 b = across(body.half_m.x * body.axes[1]);
-  if (cross2(a, b) < 0) b = -b;
-  // At the angle `start` the rim runs along the lift; the half turn from there belongs to the far rim, the rest to the near.
-  const double start = std::atan2(cross2(lift, b), cross2(lift, a)) / (2 * kPi);
-  const Vec2 first = std::cos(2 * kPi * start) * a + std::sin(2 * kPi * start) * b;
-  const auto arc = [&](const Vec2& middle, double from) {
-    const OutlineEllipse e{middle, a, b};
-    return ArcPiece{as_floats(e), f(from), 0.5f, panels_for(outline_points(e) / 2)};
-  };
-  return {{arc(centre - lift, start), arc(centre + lift, start + 0.5)},
-          {edge_piece(centre - first - lift, centre - first + lift),
-           edge_piece(centre + first + lift, centre + first - lift)}};
+void put(ShadowLanes& lanes, std::size_t lane, const LegRow& leg, const BodyRow& body) {
+  const float row[9] = {leg.x, leg.y, leg.z, leg.ux, leg.uy, leg.uz, leg.length, leg.before, leg.total};
+  for (std::size_t i = 0; i < 9; ++i) lanes.leg[i][lane] = row[i];
+  for (std::size_t i = 0; i < 9; ++i) lanes.j[i][lane] = body.j[i];
+  for (std::size_t i = 0; i < 3; ++i) lanes.centre[i][lane] = body.centre[i];
+  lanes.radius[lane] = body.radius;
+  lanes.kind[lane] = static_cast<float>(body.shape);
 }
 
 }  // namespace
@@ -168,32 +195,53 @@ std::complex<double> FastOptics::rectangle(const Face& face, const Vec3& ex, con
   return value(sum);
 }
 
-std::complex<double> FastOptics::outline(const Body& body, const Leg& leg, const ShadowView& view) const {
-  float sum[2], more[2];
-  if (body.shape == Shape::ellipsoid) {
-    const OutlineEllipse e = ellipsoid_outline(body, view);
-    const auto circle = circle_points().at_least(outline_points(e));
-    kernels_.ellipse(as_floats(e), circle.cosines, circle.sines, circle.points, sum);
-    return value(sum);
-  }
-  if (body.shape == Shape::cylinder) {
-    const CylinderOutline c = cylinder_outline(body, view);
-    kernels_.arcs(c.arcs.data(), 2, sum);
-    kernels_.edges(c.edges.data(), 2, more);
-    return value(sum) + value(more);
-  }
-  const std::vector<Vec2> corners = hull_outline(body, leg, view);
-  std::array<EdgePiece, 8> pieces;
-  for (std::size_t i = 0; i < corners.size(); ++i)
-    pieces[i] = edge_piece(corners[i], corners[(i + 1) % corners.size()]);
-  kernels_.edges(pieces.data(), static_cast<int>(corners.size()), sum);
-  return value(sum);
+BodyRow body_row(const Body& body) {
+  const Mat3 j = stretch_of(body);
+  BodyRow row{
+      {f(body.centre.x), f(body.centre.y), f(body.centre.z)}, {}, f(body.bounding_radius_m()), body.shape};
+  for (int i = 0; i < 9; ++i) row.j[i] = f(j[i / 3][i % 3]);
+  return row;
 }
 
-std::complex<double> FastOptics::shadow(const Body& body, const Leg& leg) const {
-  const ShadowView view = shadow_view(body, leg, wavelength_m_);
-  if (view.weight <= 0) return 1;
-  return 1.0 - view.weight * outline(body, leg, view);
+LegRow leg_row(const Leg& leg) {
+  const double length_m = glm::distance(leg.from, leg.to);
+  const Vec3 along = (leg.to - leg.from) / length_m;
+  return {f(leg.from.x), f(leg.from.y), f(leg.from.z),   f(along.x),    f(along.y),
+          f(along.z),    f(length_m),   f(leg.before_m), f(leg.total_m)};
+}
+
+std::complex<float> FastOptics::outline(const ShadowLanes& lanes, std::size_t lane, Shape shape) const {
+  float sum[2], more[2] = {0, 0};
+  const Flat centre{lanes.x[lane], lanes.y[lane]};
+  const auto axis = [&](std::size_t i) { return Flat{lanes.px[i][lane], lanes.py[i][lane]}; };
+  if (shape == Shape::ellipsoid) {
+    const auto circle = circle_points().at_least(lanes.points[lane]);
+    kernels_.ellipse({centre.x, centre.y, lanes.ax[lane], lanes.ay[lane], 0, lanes.by[lane]}, circle.cosines,
+                     circle.sines, circle.points, sum);
+  } else if (shape == Shape::box) {
+    const auto edges = box_outline(centre, {axis(0), axis(1), axis(2)});
+    kernels_.edges(edges.data(), 6, sum);
+  } else {
+    const CylinderOutline c = cylinder_outline(centre, axis(0), axis(1), axis(2));
+    kernels_.arcs(c.arcs.data(), 2, sum);
+    kernels_.edges(c.edges.data(), 2, more);
+  }
+  return {sum[0] + more[0], sum[1] + more[1]};
+}
+
+void FastOptics::shadows(std::span<const Job> jobs, std::vector<std::complex<float>>& factors) const {
+  factors.assign(jobs.size(), 1.0f);
+  ShadowLanes lanes;
+  for (std::size_t first = 0; first < jobs.size(); first += 16) {
+    for (std::size_t lane = 0; lane < 16; ++lane) {
+      const Job& job = jobs[std::min(first + lane, jobs.size() - 1)];
+      put(lanes, lane, *job.leg, *job.body);
+    }
+    kernels_.shadow_views(lanes, f(2 / wavelength_m_));
+    for (std::size_t lane = 0; lane < 16 && first + lane < jobs.size(); ++lane)
+      if (lanes.weight[lane] > 0)
+        factors[first + lane] -= lanes.weight[lane] * outline(lanes, lane, jobs[first + lane].body->shape);
+  }
 }
 
 }  // namespace csipose::sim

@@ -1,6 +1,7 @@
 // sim/fast_optics.h - tables and kernels behind the fast solver: coefficients of surfaces, edges, shadows.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "sim/fast_kernels.h"
@@ -35,6 +36,14 @@ class CirclePoints {
 };
 const CirclePoints& circle_points();
 
+/// A body as the kernels take it.
+struct BodyRow {
+  float centre[3], j[9], radius;
+  Shape shape;
+};
+BodyRow body_row(const Body& body);
+LegRow leg_row(const Leg& leg);
+
 /// Edges by the kernels: apertures to some 1e-3, transitions from a table to 1e-4.
 class FastOptics : public EdgeOptics {
  public:
@@ -43,11 +52,15 @@ class FastOptics : public EdgeOptics {
                                 const Vec3& point) const override;
   std::complex<double> transition(double v) const override;
 
-  /// shadow_factor() of shadow.h.
-  std::complex<double> shadow(const Body& body, const Leg& leg) const;
+  /// shadow_factor() of shadow.h, many at once: factors[job] for each pair of leg and body.
+  struct Job {
+    const LegRow* leg;
+    const BodyRow* body;
+  };
+  void shadows(std::span<const Job> jobs, std::vector<std::complex<float>>& factors) const;
 
  private:
-  std::complex<double> outline(const Body& body, const Leg& leg, const ShadowView& view) const;
+  std::complex<float> outline(const ShadowLanes& lanes, std::size_t lane, Shape shape) const;
   std::complex<double> rectangle(const Face&, const Vec3& ex, const Vec3& ey, const Vec3& along,
                                  const Vec3& point, const MirrorRay& ray) const;
 

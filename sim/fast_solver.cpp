@@ -16,7 +16,7 @@ constexpr double kPi = std::numbers::pi;
 constexpr std::size_t kTonesPerSum = 32;
 constexpr float kNewtonFound =
     1e-4f;  // |T^T g| above this: three updates did not find it, the reference solver must
-constexpr double kFarAway_m = 1e6;  // padding of columns: near nothing
+constexpr float kFarAway_m = 1e6;  // padding of columns: near nothing
 
 float f(double x) { return static_cast<float>(x); }
 
@@ -60,17 +60,15 @@ class KeySnapshots {
 
 /// Legs of all wall paths to all antennas, as rows and as the kernels' columns.
 struct LegTable {
-  std::vector<Leg> rows;
+  std::vector<LegRow> rows;
   std::vector<std::uint32_t> path;  ///< of each row: antenna * paths + path
   std::array<std::vector<float>, 9> columns;
 
   void add(const Leg& leg, std::uint32_t path_index) {
-    rows.push_back(leg);
+    const LegRow row = leg_row(leg);
+    rows.push_back(row);
     path.push_back(path_index);
-    const double length_m = glm::distance(leg.from, leg.to);
-    const Vec3 along = (leg.to - leg.from) / length_m;
-    push(
-        {leg.from.x, leg.from.y, leg.from.z, along.x, along.y, along.z, length_m, leg.before_m, leg.total_m});
+    push({row.x, row.y, row.z, row.ux, row.uy, row.uz, row.length, row.before, row.total});
   }
   void pad() {
     while (columns[0].size() % 16 != 0) push({kFarAway_m, kFarAway_m, kFarAway_m, 1, 0, 0, 0, 0, 1});
@@ -82,8 +80,8 @@ struct LegTable {
   }
 
  private:
-  void push(const std::array<double, 9>& row) {
-    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(f(row[i]));
+  void push(const std::array<float, 9>& row) {
+    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(row[i]);
   }
 };
 
@@ -91,9 +89,8 @@ struct LegTable {
 struct BallTable {
   std::array<std::vector<float>, 4> columns;
 
-  explicit BallTable(const std::vector<Body>& bodies) {
-    for (const Body& body : bodies)
-      push({body.centre.x, body.centre.y, body.centre.z, body.bounding_radius_m()});
+  explicit BallTable(const std::vector<BodyRow>& bodies) {
+    for (const BodyRow& body : bodies) push({body.centre[0], body.centre[1], body.centre[2], body.radius});
     while (columns[0].size() % 16 != 0) push({kFarAway_m, kFarAway_m, kFarAway_m, 0});
   }
   BallColumns view() const {
@@ -102,8 +99,8 @@ struct BallTable {
   }
 
  private:
-  void push(const std::array<double, 4>& row) {
-    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(f(row[i]));
+  void push(const std::array<float, 4>& row) {
+    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(row[i]);
   }
 };
 
@@ -111,6 +108,18 @@ struct BallTable {
 struct EllipsoidTask {
   std::size_t body, pair, receiver;
   Vec3 source, sink;
+};
+
+/// A path by a body that waits for its shadows.
+struct Pending {
+  std::complex<double> amplitude;
+  std::size_t receiver;
+  double length_m, bend_m;  ///< to the array's middle; radius of the wave front there
+  Vec3 last;                ///< unit, direction of arrival
+};
+/// How body `body` dims leg `leg` of pending path `path`.
+struct Question {
+  std::size_t path, leg, body;
 };
 
 }  // namespace
@@ -133,12 +142,11 @@ class FastSolver::Impl {
   void compute_shadows(Snapshots bodies, const KeySnapshots& keys);
   void apply_shadows(std::size_t snapshots, const KeySnapshots& keys);
   void add_bodies(const std::vector<Body>& bodies, std::size_t t);
-  void reflect_on_ellipsoids(const std::vector<Body>& bodies, const std::vector<EllipsoidTask>& tasks,
-                             std::size_t t);
-  void add_reflection(const std::vector<Body>& bodies, const Reflection& r, const EllipsoidTask& task,
-                      std::size_t t);
-  std::complex<double> leg_shadow(const std::vector<Body>& bodies, const Leg& leg, std::size_t own,
-                                  bool touches_own);
+  void reflect_on_ellipsoids(const std::vector<Body>& bodies, const std::vector<EllipsoidTask>& tasks);
+  void add_reflection(const std::vector<Body>& bodies, const Reflection& r, const EllipsoidTask& task);
+  void ask_for_shadows(const Leg& leg, std::size_t own, bool touches_own);
+  void finish_pending(std::size_t t);
+  void add_to_antennas(const Pending& path, std::size_t t);
   void write(std::size_t snapshots, std::span<std::complex<float>> out) const;
 
   Scene scene_;
@@ -160,8 +168,16 @@ class FastSolver::Impl {
   std::vector<Factor> factors_;  ///< [path][key]
   std::vector<char> shadowed_;   ///< [path]
   std::vector<std::uint32_t> near_;
-  std::optional<BallTable> balls_;
+  std::vector<FastOptics::Job> jobs_;
+  std::vector<std::complex<float>> job_factors_;
   std::vector<Reflection> found_;
+
+  // Of the snapshot at hand.
+  std::vector<BodyRow> body_rows_;
+  std::optional<BallTable> balls_;
+  std::vector<Pending> pending_;
+  std::vector<LegRow> pending_legs_;
+  std::vector<Question> questions_;
 };
 
 FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
@@ -239,13 +255,17 @@ void FastSolver::Impl::compute_shadows(Snapshots bodies, const KeySnapshots& key
   near_.resize(legs_.columns[0].size() + 16);
   for (std::size_t key = 0; key < key_count; ++key)
     for (const Body& body : bodies[keys.keys()[key]]) {
-      const Ball ball{f(body.centre.x), f(body.centre.y), f(body.centre.z), f(body.bounding_radius_m())};
+      const BodyRow row = body_row(body);
+      const Ball ball{row.centre[0], row.centre[1], row.centre[2], row.radius};
       const int count = kernels_.near_legs(legs_.view(), ball, f(2 / lambda_m_), near_.data());
-      for (int i = 0; i < count; ++i) {
-        const std::uint32_t leg = near_[static_cast<std::size_t>(i)], path = legs_.path[leg];
-        const std::complex<double> shadow = optics_.shadow(body, legs_.rows[leg]);
-        if (shadow == 1.0) continue;
-        factors_[path * key_count + key] *= Factor(shadow);
+      jobs_.clear();
+      for (int i = 0; i < count; ++i)
+        jobs_.push_back({&legs_.rows[near_[static_cast<std::size_t>(i)]], &row});
+      optics_.shadows(jobs_, job_factors_);
+      for (std::size_t i = 0; i < jobs_.size(); ++i) {
+        if (job_factors_[i] == 1.0f) continue;
+        const std::uint32_t path = legs_.path[near_[i]];
+        factors_[path * key_count + key] *= job_factors_[i];
         shadowed_[path] = 1;
       }
     }
@@ -268,7 +288,12 @@ void FastSolver::Impl::apply_shadows(std::size_t snapshots, const KeySnapshots& 
 }
 
 void FastSolver::Impl::add_bodies(const std::vector<Body>& bodies, std::size_t t) {
-  balls_.emplace(bodies);
+  body_rows_.clear();
+  for (const Body& body : bodies) body_rows_.push_back(body_row(body));
+  balls_.emplace(body_rows_);
+  pending_.clear();
+  pending_legs_.clear();
+  jobs_.clear();
   near_.resize(std::max(near_.size(), balls_->columns[0].size() + 16));
   std::vector<EllipsoidTask> ellipsoids;
   for (std::size_t r = 0; r < middles_.size(); ++r)
@@ -282,13 +307,14 @@ void FastSolver::Impl::add_bodies(const std::vector<Body>& bodies, std::size_t t
         }
         found_.clear();
         add_edged_reflections(bodies[b], task.source, task.sink, lambda_m_, optics_, found_);
-        for (const Reflection& found : found_) add_reflection(bodies, found, task, t);
+        for (const Reflection& found : found_) add_reflection(bodies, found, task);
       }
-  reflect_on_ellipsoids(bodies, ellipsoids, t);
+  reflect_on_ellipsoids(bodies, ellipsoids);
+  finish_pending(t);
 }
 
 void FastSolver::Impl::reflect_on_ellipsoids(const std::vector<Body>& bodies,
-                                             const std::vector<EllipsoidTask>& tasks, std::size_t t) {
+                                             const std::vector<EllipsoidTask>& tasks) {
   EllipsoidLanes lanes;
   for (std::size_t first = 0; first < tasks.size(); first += 16) {
     for (std::size_t lane = 0; lane < 16; ++lane) {
@@ -307,33 +333,28 @@ void FastSolver::Impl::reflect_on_ellipsoids(const std::vector<Body>& bodies,
       const Body& body = bodies[task.body];
       if (!(lanes.slope[lane] < kNewtonFound)) {
         for (const Reflection& r : reflections(body, task.source, task.sink, lambda_m_))
-          add_reflection(bodies, r, task, t);
+          add_reflection(bodies, r, task);
         continue;
       }
       const Vec3 u = glm::normalize(Vec3{lanes.ux[lane], lanes.uy[lane], lanes.uz[lane]});
       if (const auto r = ellipsoid_reflection(body, u, task.source, task.sink))
-        add_reflection(bodies, *r, task, t);
+        add_reflection(bodies, *r, task);
     }
   }
 }
 
-std::complex<double> FastSolver::Impl::leg_shadow(const std::vector<Body>& bodies, const Leg& leg,
-                                                  std::size_t own, bool touches_own) {
-  const double length_m = glm::distance(leg.from, leg.to);
-  const Vec3 along = (leg.to - leg.from) / length_m;
-  const LegRow row{f(leg.from.x), f(leg.from.y), f(leg.from.z),   f(along.x),    f(along.y),
-                   f(along.z),    f(length_m),   f(leg.before_m), f(leg.total_m)};
+void FastSolver::Impl::ask_for_shadows(const Leg& leg, std::size_t own, bool touches_own) {
+  const LegRow row = leg_row(leg);
   const int count = kernels_.near_balls(balls_->view(), row, f(2 / lambda_m_), near_.data());
-  std::complex<double> factor = 1;
+  pending_legs_.push_back(row);
   for (int i = 0; i < count; ++i) {
     const std::size_t b = near_[static_cast<std::size_t>(i)];
-    if (!(touches_own && b == own)) factor *= optics_.shadow(bodies[b], leg);
+    if (!(touches_own && b == own)) questions_.push_back({pending_.size(), pending_legs_.size() - 1, b});
   }
-  return factor;
 }
 
 void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Reflection& r,
-                                      const EllipsoidTask& task, std::size_t t) {
+                                      const EllipsoidTask& task) {
   if (std::abs(r.spreading) * r.s1_m < kWeakestReflection) return;
   const Pair& pair = pairs_[task.pair];
   const Antenna& rx = middles_[task.receiver];
@@ -343,23 +364,34 @@ void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Ref
       scene_.transmitter, rx, way.points_span(), way.normals_span(), [&](std::size_t i, double cosine) {
         return i == way.body_bounce ? surface.at(cosine) : wall_tables_[way.wall_of(i)].at(cosine);
       });
-  std::complex<double> amplitude = lambda_m_ / (4 * kPi) * r.spreading * gain;
-  for (std::size_t i = 0; i < way.legs; ++i)
-    amplitude *= leg_shadow(bodies, way.leg(i, r), task.body, way.touches_body(i));
+  for (std::size_t i = 0; i < way.legs; ++i) ask_for_shadows(way.leg(i, r), task.body, way.touches_body(i));
+  pending_.push_back({lambda_m_ / (4 * kPi) * r.spreading * gain, task.receiver, r.s1_m + r.s2_m,
+                      r.caustic_m + r.s2_m, glm::normalize(rx.position - way.points[way.legs - 1])});
+}
 
+void FastSolver::Impl::finish_pending(std::size_t t) {
+  for (const Question& question : questions_)
+    jobs_.push_back({&pending_legs_[question.leg], &body_rows_[question.body]});
+  optics_.shadows(jobs_, job_factors_);
+  for (std::size_t i = 0; i < questions_.size(); ++i)
+    pending_[questions_[i].path].amplitude *= std::complex<double>(job_factors_[i]);
+  questions_.clear();
+  for (const Pending& path : pending_) add_to_antennas(path, t);
+}
+
+void FastSolver::Impl::add_to_antennas(const Pending& path, std::size_t t) {
   // From the middle of the array to its antennas: along the ray, and across it as the wave front bends.
-  const Vec3 last = glm::normalize(rx.position - way.points[way.legs - 1]);
-  const double bend_m = r.caustic_m + r.s2_m;
   for (std::size_t a = 0; a < per_receiver_; ++a) {
-    const Vec3 step = antennas_[task.receiver * per_receiver_ + a].position - rx.position;
-    const double onward_m = glm::dot(step, last);
+    const Vec3 step =
+        antennas_[path.receiver * per_receiver_ + a].position - middles_[path.receiver].position;
+    const double onward_m = glm::dot(step, path.last);
     const double length_m =
-        r.s1_m + r.s2_m + onward_m + (glm::dot(step, step) - onward_m * onward_m) / (2 * bend_m);
+        path.length_m + onward_m + (glm::dot(step, step) - onward_m * onward_m) / (2 * path.bend_m);
     const double cycles = scene_.carrier_hz / kSpeedOfLight_m_s * length_m,
                  turns = cycles - std::floor(cycles);
-    ToneSum* sum = sum_at(t, task.receiver * per_receiver_ + a);
+    ToneSum* sum = sum_at(t, path.receiver * per_receiver_ + a);
     for (std::size_t b = 0; b < blocks_; ++b)
-      kernels_.add_path(sum[b], f(amplitude.real()), f(amplitude.imag()), f(turns),
+      kernels_.add_path(sum[b], f(path.amplitude.real()), f(path.amplitude.imag()), f(turns),
                         f(length_m / kSpeedOfLight_m_s), &offsets_hz_[b * kTonesPerSum]);
   }
 }
