@@ -15,9 +15,8 @@ std::complex<double> wave(double amplitude, double length_m, double frequency_hz
 ReflectorScene default_reflector_scene(const Band& band) {
   const double spacing_m = band.wavelength_m() / 2;
   ReflectorScene scene;
-  scene.receivers = {AntennaArray{{4.0, 0.5, 1.0}, {0, 1, 0}, spacing_m},
-                     AntennaArray{{2.0, 3.5, 1.0}, {1, 0, 0}, spacing_m},
-                     AntennaArray{{2.0, 0.0, 1.0}, {1, 0, 0}, spacing_m}};
+  for (std::size_t r = 0; r < kReceivers; ++r)
+    scene.receivers[r] = {{4.0, 0.5 + 1.25 * static_cast<double>(r), 1.0}, {0, 1, 0}, spacing_m};
   return scene;
 }
 

@@ -23,8 +23,8 @@ struct ReflectorScene {
   double cross_section_m2 = 1.0;
 };
 
-/// A room of 4 x 3.5 m: the transmitter in the middle of one wall, a receiver at each of the other three,
-/// arrays along their walls, half a wavelength between antennas.
+/// A room of 4 x 3.5 m: the transmitter in the middle of the wall x = 0, three receivers along the wall x = 4 at y = 0.5, 1.75
+/// and 3 m, all a metre high, arrays along their wall, half a wavelength between antennas. `csipose demo` says so too.
 ReflectorScene default_reflector_scene(const Band& band);
 
 /// Where the point is at time t: anticlockwise seen from above, starting towards +x.
