@@ -73,6 +73,8 @@ void require_private(int fd, const std::string& path) {
 
 }  // namespace
 
+const char* name(KeyKind kind) { return kKindNames[static_cast<int>(kind) - 1]; }
+
 Result<AgentKey, std::string> parse_agent_key(ByteView text) {
   const std::vector<std::string> words = words_of(text);
   if (words.size() != 5 || words[0] != "csipose-key")
@@ -113,8 +115,8 @@ void create_agent_key(const std::string& path, const std::string& name, KeyKind 
   randombytes_buf(secret.data(), secret.size());
   std::array<char, 2 * std::tuple_size<Secret>::value + 1> hex{};
   sodium_bin2hex(hex.data(), hex.size(), secret.data(), secret.size());
-  const std::string line = std::string("csipose-key 1 ") + kKindNames[static_cast<int>(kind) - 1] + " " +
-                           name + " " + hex.data() + "\n";
+  const std::string line =
+      std::string("csipose-key 1 ") + csipose::name(kind) + " " + name + " " + hex.data() + "\n";
 
   const FileDescriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0400));
   if (!file)

@@ -14,6 +14,9 @@
 
 namespace csipose {
 
+/// "live", "replay", "simulated".
+const char* name(KeyKind kind);
+
 /// Reads the text of a key file; the error says what is wrong with it.
 Result<AgentKey, std::string> parse_agent_key(ByteView text);
 

@@ -26,7 +26,7 @@ constexpr unsigned kAgentPort = 8481;
 struct AgentWords {
   std::string id, folder = kKeyFolder, host;
   unsigned port = kAgentPort;
-  bool simulated = false;
+  bool simulated = false, replay = false;
 };
 
 std::string key_path(const AgentWords& words) {
@@ -59,7 +59,10 @@ void make_key_folder(const std::string& folder) {
 void add(const AgentWords& words) {
   const std::string path = key_path(words), host = words.host.empty() ? host_name() : words.host;
   make_key_folder(words.folder);
-  create_agent_key(path, words.id, words.simulated ? KeyKind::simulated : KeyKind::live);
+  create_agent_key(path, words.id,
+                   words.simulated ? KeyKind::simulated
+                   : words.replay  ? KeyKind::replay
+                                   : KeyKind::live);
   const std::string start_line = agent_start_line(path, words.id, host, words.port);
   if (tool_options().json) {
     print_out(nlohmann::json{{"id", words.id}, {"key_file", path}, {"run_on_receiver", start_line}}.dump() +
@@ -72,8 +75,6 @@ void add(const AgentWords& words) {
                   "Then run this on the receiver's host:\n\n{}\n",
                   path, receiver_table(words, path), start_line));
 }
-
-const char* kind_name(KeyKind kind) { return kind == KeyKind::simulated ? "simulated" : "live"; }
 
 std::vector<fs::path> key_files(const std::string& folder) {
   std::error_code error;
@@ -93,10 +94,9 @@ std::string describe(const fs::path& file) {
   try {
     const AgentKey key = load_agent_key(file);
     if (tool_options().json)
-      return nlohmann::json{{"id", key.name}, {"kind", kind_name(key.kind)}, {"key_file", file.string()}}
-                 .dump() +
+      return nlohmann::json{{"id", key.name}, {"kind", name(key.kind)}, {"key_file", file.string()}}.dump() +
              '\n';
-    return fmt::format("{:<16} {:<10} {}\n", key.name, kind_name(key.kind), file.string());
+    return fmt::format("{:<16} {:<10} {}\n", key.name, name(key.kind), file.string());
   } catch (const SetupError& error) {
     if (tool_options().json)
       return nlohmann::json{{"key_file", file.string()}, {"error", error.what()}}.dump() + '\n';
@@ -137,7 +137,9 @@ void add_agent(CLI::App& app) {
   CLI::App* adding = agent->add_subcommand(
       "add", "make a receiver's key; prints what to configure and the line to run there");
   adding->add_option("id", words->id, "the receiver's id, such as rx1")->required();
-  adding->add_flag("--sim", words->simulated, "for a simulator: its frames say SIMULATED");
+  CLI::Option* sim = adding->add_flag("--sim", words->simulated, "for a simulator: its frames say SIMULATED");
+  adding->add_flag("--replay", words->replay, "for an agent that plays a recording: its frames say REPLAY")
+      ->excludes(sim);
   adding
       ->add_option("--host", words->host, "this host as the receiver reaches it; without it the host's name")
       ->type_name("HOST");

@@ -19,8 +19,8 @@ void add_common_options(CLI::App& app) {
   app.add_option("--set", options.sets, "one setting, wins over files; may be repeated")
       ->type_name("SECTION.KEY=VALUE")
       ->allow_extra_args(false);
-  app.add_option("--log-level", options.log_level, "error, warn, info, debug or trace")
-      ->check(CLI::IsMember({"error", "warn", "info", "debug", "trace"}))
+  app.add_option("--log-level", options.log_level, "error, warn, info or debug")
+      ->check(CLI::IsMember({"error", "warn", "info", "debug"}))
       ->type_name("LEVEL");
   app.add_flag("--json", options.json, "answer in JSON");
   app.add_flag("--quiet", options.quiet, "say nothing but the answer");

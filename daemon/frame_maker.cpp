@@ -101,6 +101,8 @@ PoseFrame& FrameMaker::window_frame() {
 
 PoseFrame& FrameMaker::state_frame(State state, Reasons reasons) {
   begin_frame({state, reasons});
+  for (ReceiverQuality& receiver : frame_.receivers)
+    receiver.rssi_dbm.fill(kUnknown);  // no window, nothing measured
   status_.people = 0;
   return frame_;
 }

@@ -284,11 +284,13 @@ std::vector<Line> render_live(const LiveState& state, std::size_t width, std::si
 
 std::string frame_line(const ReceivedPose& pose) {
   const PoseFrame& frame = pose.frame;
-  const auto second = std::chrono::floor<std::chrono::seconds>(frame.window_end);
-  std::string line = fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z seq={} {}{} {} people={}", second,
-                                 (frame.window_end - second) / std::chrono::milliseconds(1), frame.seq,
-                                 upper(name_of(frame.source)), frame.untrained ? " UNTRAINED" : "",
-                                 upper(name_of(frame.state)), frame.people_count);
+  // A frame that only tells a state has no window: then the time that it was published.
+  const UtcTime time = frame.window_end > UtcTime{} ? frame.window_end : frame.published;
+  const auto second = std::chrono::floor<std::chrono::seconds>(time);
+  std::string line =
+      fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z seq={} {}{} {} people={}", second,
+                  (time - second) / std::chrono::milliseconds(1), frame.seq, upper(name_of(frame.source)),
+                  frame.untrained ? " UNTRAINED" : "", upper(name_of(frame.state)), frame.people_count);
   if (frame.reasons != 0) line += " reasons=" + names_of(frame.reasons);
   if (pose.dropped_before > 0) line += fmt::format(" dropped_before={}", pose.dropped_before);
   for (std::size_t p = 0; p < pose.people_described; ++p)

@@ -16,7 +16,7 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr int kWarmUpWindows =
-    20;  // for each number of whole receivers; fewer left the first windows 10 % slow
+    5;  // for each number of whole receivers: primitives, pages and workers are then in place
 constexpr std::size_t kGateWindows = 4;
 /// A precision must be this much faster than the next more exact one; less is not worth its error, and would
 /// let the choice hang on the noise of the timing.
