@@ -7,6 +7,7 @@
 #include <sys/signalfd.h>
 
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 
@@ -92,6 +93,8 @@ struct Daemon::State {
   PublisherConfig publisher_config(Source source, std::uint64_t session, int socket) const;
   LoopThread::Parts loop_parts();
   Status fixed_status(std::uint64_t session) const;
+  bool asked_to_stop();
+  [[noreturn]] void leave_while_loading();
   void say_ready(const LoopReady& ready);
   void warn_if_too_slow(const LoopReady& ready);
   ControlHandlers control_handlers();
@@ -199,11 +202,25 @@ Status Daemon::State::fixed_status(std::uint64_t session) const {
 
 void Daemon::State::start() {
   if (config_.record.enabled) recorder_->start_recording();
-  const LoopReady ready = loop_.start();
-  status_.engine = ready.engine;
-  say_ready(ready);
+  const std::optional<LoopReady> ready = loop_.start([this] { return asked_to_stop(); });
+  if (!ready) leave_while_loading();
+  status_.engine = ready->engine;
+  say_ready(*ready);
   source_.start();
   notify_ready();
+}
+
+bool Daemon::State::asked_to_stop() {
+  while (const int signal = signals_.next()) on_signal(signal);
+  return !stop_reason_.empty();
+}
+
+/// The engine's loading cannot be broken off and nothing is served yet: say bye, close the recording, and go.
+void Daemon::State::leave_while_loading() {
+  publisher_.finish(stop_reason_);
+  recorder_->stop_recording();
+  log_.info(fmt::format("end reason=\"{}\" while the model was being loaded", stop_reason_));
+  std::_Exit(static_cast<int>(ExitStatus::ok));
 }
 
 void Daemon::State::say_ready(const LoopReady& ready) {
@@ -257,7 +274,7 @@ void Daemon::State::wait_for_events() {
     control_->serve(kTick, signals_.descriptor());
   else
     signals_.wait(kTick);
-  while (const int signal = signals_.next()) on_signal(signal);
+  asked_to_stop();
 }
 
 void Daemon::State::on_signal(int signal) {

@@ -59,9 +59,11 @@ std::array<double, kReceivers + 1> warm_up(Engine& engine, std::size_t min_links
 LoopThread::LoopThread(const Config& config, const Parts& parts, LoopLink& link)
     : config_(config), parts_(parts), link_(link) {}
 
-LoopReady LoopThread::start() {
+std::optional<LoopReady> LoopThread::start(const std::function<bool()>& give_up) {
   std::future<LoopReady> ready = ready_.get_future();
   thread_ = std::thread([this] { run(); });
+  while (ready.wait_for(kAskAgain) != std::future_status::ready)
+    if (give_up()) return std::nullopt;
   return ready.get();
 }
 

@@ -6,7 +6,9 @@
 
 #include <exception>
 #include <future>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -36,8 +38,9 @@ class LoopThread {
   LoopThread(const Config& config, const Parts& parts, LoopLink& link);
   ~LoopThread() { stop(); }
 
-  /// Starts the thread and waits until the engine is warm. Throws what went wrong there.
-  LoopReady start();
+  /// Starts the thread and waits until the engine is warm, asking `give_up` meanwhile. nullopt: it said so, and the
+  /// thread is still loading, which cannot be broken off. Throws what went wrong there.
+  std::optional<LoopReady> start(const std::function<bool()>& give_up);
   void stop();
   bool ended() const { return ended_.load(std::memory_order_acquire); }
   /// What ended the loop before its time. After ended().
