@@ -29,13 +29,22 @@ function(csipose_command_lines)
 endfunction()
 
 # csipose_test(NAME FILE... LIBRARIES LIB...): one GoogleTest program, one line of ctest.
+# What every test includes is compiled once; test code itself is not worth optimising.
 if(CSIPOSE_TESTS)
   find_package(GTest REQUIRED)
+  find_package(fmt REQUIRED)
+  file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp CONTENT "")
+  add_library(csipose_test_headers OBJECT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp)
+  target_compile_options(csipose_test_headers PRIVATE $<$<CONFIG:Release>:-O1>)
+  target_link_libraries(csipose_test_headers PRIVATE csipose_flags fmt::fmt GTest::gtest)
+  target_precompile_headers(csipose_test_headers PRIVATE <gtest/gtest.h> <fmt/format.h> <filesystem> <fstream> <random>)
 endif()
 function(csipose_test name)
   cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
-  target_link_libraries(${name} PRIVATE csipose_flags ${ARG_LIBRARIES} GTest::gtest GTest::gtest_main)
+  target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
+  target_link_libraries(${name} PRIVATE csipose_flags ${ARG_LIBRARIES} fmt::fmt GTest::gtest GTest::gtest_main)
+  target_precompile_headers(${name} REUSE_FROM csipose_test_headers)
   target_compile_definitions(${name} PRIVATE
     CSIPOSE_SHARED_DATA="${CSIPOSE_SHARED_DATA}" CSIPOSE_TEST_DATA="${CMAKE_SOURCE_DIR}/tests/data"
     CSIPOSE_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
