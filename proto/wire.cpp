@@ -127,6 +127,11 @@ void put_frame(const PoseFrame& frame, Level level, const std::vector<std::strin
     put_person(frame.people[p], level, frame.smoothed, *out.add_people());
 }
 
+/// Whether all parts were whole; every one has been read, as arguments are.
+bool all(std::initializer_list<bool> parts) {
+  return std::find(parts.begin(), parts.end(), false) == parts.end();
+}
+
 /// Fixed arrays are there whole or not at all; anything else is a broken message.
 template <class Values, class Array>
 bool get_array(const Values& from, Array& to, typename Array::value_type absent) {
@@ -149,10 +154,10 @@ bool get_person(const v1::Person& from, Person& to, Point3& root) {
   to.id = from.id();
   to.score = from.score();
   to.age_ms = from.age_ms();
-  const bool whole = get_array(from.root_m(), at, kUnknown) & get_points(from.joints(), to.joints) &
-                     get_points(from.joints_raw(), to.joints_raw) &
-                     get_array(from.confidence(), to.confidence, kUnknown) &
-                     get_array(from.sigma_m(), to.sigma_m, kUnknown);
+  const bool whole = all({get_array(from.root_m(), at, kUnknown), get_points(from.joints(), to.joints),
+                          get_points(from.joints_raw(), to.joints_raw),
+                          get_array(from.confidence(), to.confidence, kUnknown),
+                          get_array(from.sigma_m(), to.sigma_m, kUnknown)});
   root = {at[0], at[1], at[2]};
   return whole;
 }
@@ -212,7 +217,7 @@ Result<ServerMessage, WireError> to_plain(const v1::PoseFrame& from) {
   ReceivedPose pose;
   get_head(from, pose.frame);
   pose.dropped_before = from.dropped_before();
-  bool whole = get_people(from, pose) & get_array(from.latency_us(), pose.frame.latency_us, 0U);
+  bool whole = all({get_people(from, pose), get_array(from.latency_us(), pose.frame.latency_us, 0U)});
   whole &= static_cast<std::size_t>(from.quality_size()) <= kReceivers;
   for (int r = 0; whole && r < from.quality_size(); ++r)
     whole = get_quality(from.quality(r), pose.frame.receivers[static_cast<std::size_t>(r)]);
@@ -421,7 +426,7 @@ void put_hello(const Hello& hello, v1::Hello& out) {
 
 bool get_room(const v1::Room& from, RoomDescription& to) {
   bool whole =
-      get_array(from.size_m(), to.size_m, 0.F) & get_array(from.transmitter_m(), to.transmitter_m, 0.F);
+      all({get_array(from.size_m(), to.size_m, 0.F), get_array(from.transmitter_m(), to.transmitter_m, 0.F)});
   for (const auto& receiver : from.receivers()) {
     to.receivers.push_back({receiver.id(), {}});
     whole &= get_array(receiver.position_m(), to.receivers.back().position_m, 0.F);
