@@ -13,6 +13,11 @@ if(CSIPOSE_SANITIZE)
   target_compile_options(csipose_flags INTERFACE -fsanitize=${CSIPOSE_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
   target_link_options(csipose_flags INTERFACE -fsanitize=${CSIPOSE_SANITIZE})
 endif()
+# Code that must know of the address sanitizer asks by GCC's macro; clang has none.
+set(CSIPOSE_ASAN_MACRO "")
+if(CSIPOSE_SANITIZE MATCHES address AND CMAKE_CXX_COMPILER_ID STREQUAL Clang)
+  set(CSIPOSE_ASAN_MACRO __SANITIZE_ADDRESS__=1)
+endif()
 if(CSIPOSE_FUZZ)
   # Every library reports its branches, so that the fuzzer sees where an input led.
   target_compile_options(csipose_flags INTERFACE -fsanitize=fuzzer-no-link)

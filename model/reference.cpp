@@ -80,10 +80,10 @@ Matrix encoder_block(const TensorMap& weights, const std::string& name, std::siz
 Matrix decoder_layer(const TensorMap& weights, const std::string& name, std::size_t heads, Matrix q,
                      const Matrix& position, const Matrix& memory) {
   const Matrix with_position = add(q, position);
-  q = add(std::move(q), multi_head(weights, name + "self_attn", heads, with_position, with_position, q));
-  q = layer_norm(q, weights, name + "norm1", kDecoderEpsilon);
-  q = add(std::move(q), multi_head(weights, name + "cross_attn", heads, add(q, position), memory, memory));
-  q = layer_norm(q, weights, name + "norm2", kDecoderEpsilon);
+  const Matrix among = multi_head(weights, name + "self_attn", heads, with_position, with_position, q);
+  q = layer_norm(add(std::move(q), among), weights, name + "norm1", kDecoderEpsilon);
+  const Matrix seen = multi_head(weights, name + "cross_attn", heads, add(q, position), memory, memory);
+  q = layer_norm(add(std::move(q), seen), weights, name + "norm2", kDecoderEpsilon);
   const Matrix hidden = relu(linear(q, weights, name + "linear1"));
   return layer_norm(add(std::move(q), linear(hidden, weights, name + "linear2")), weights, name + "norm3",
                     kDecoderEpsilon);

@@ -401,7 +401,6 @@ TEST(FrontEnd, GoesOnTickingWhenNothingComes) {
 
 TEST(FrontEnd, SkipsWindowsOfThePast) {
   FrontEnd front_end({});
-  Window window;
   EXPECT_EQ(front_end.skip_before(SteadyTime{}), 0U);
   for (const auto& packet : make_packets(csip_transmitter(), three_receivers()))
     front_end.add(packet.packet());

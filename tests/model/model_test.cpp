@@ -140,7 +140,8 @@ TEST(Model, RefusesMetadataThatIsMissingOrMakesNoSense) {
   const Draft whole;
   for (const auto& [key, value] : whole.metadata) {
     if (key == "content_sha256") continue;
-    EXPECT_NE(refusal([&](Draft& d) { d.metadata.erase(key); }).find("'" + key + "'"), std::string::npos)
+    EXPECT_NE(refusal([&key = key](Draft& d) { d.metadata.erase(key); }).find("'" + key + "'"),
+              std::string::npos)
         << key;
   }
   const std::pair<const char*, const char*> bad[] = {{"format_version", "2"},
@@ -166,7 +167,8 @@ TEST(Model, RefusesMetadataThatIsMissingOrMakesNoSense) {
                                                      {"gate", "{\"f64\":{}}"},
                                                      {"gate", "{\"int8\":{\"windows\":1}}"}};
   for (const auto& [key, value] : bad)
-    EXPECT_NE(refusal([&](Draft& d) { d.metadata[key] = value; }).find(key), std::string::npos)
+    EXPECT_NE(refusal([&key = key, &value = value](Draft& d) { d.metadata[key] = value; }).find(key),
+              std::string::npos)
         << key << " " << value;
 }
 
