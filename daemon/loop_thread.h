@@ -5,8 +5,8 @@
 #pragma once
 
 #include <exception>
-#include <future>
 #include <functional>
+#include <future>
 #include <memory>
 #include <optional>
 #include <string>
