@@ -39,11 +39,40 @@ double rssi_sum(const CsiRecord& record) {
   return sum;
 }
 
-/// Sum of |c|^2: at most 270 * 2 * 128^2, exact in 32 bits.
-std::int32_t csi_power(std::span<const std::int8_t> counts) {
+// The two loops over a matrix, for any x86-64 and, twice as fast, for one with AVX2. Neither adds in floating point, so both
+// give the same bits.
+#if defined(__x86_64__)
+#define CSIPOSE_AVX2 __attribute__((target("avx2")))
+bool has_avx2() {
+  static const bool has = __builtin_cpu_supports("avx2") != 0;
+  return has;
+}
+#else
+#define CSIPOSE_AVX2
+bool has_avx2() { return false; }
+#endif
+#define CSIPOSE_INLINE inline __attribute__((always_inline))
+
+CSIPOSE_INLINE std::int32_t power_loop(std::span<const std::int8_t> counts) {
   std::int32_t power = 0;
   for (const std::int8_t count : counts) power += count * count;
   return power;
+}
+CSIPOSE_AVX2 std::int32_t power_avx2(std::span<const std::int8_t> counts) { return power_loop(counts); }
+/// Sum of |c|^2: at most 270 * 2 * 128^2, exact in 32 bits.
+std::int32_t csi_power(std::span<const std::int8_t> counts) {
+  return has_avx2() ? power_avx2(counts) : power_loop(counts);
+}
+
+CSIPOSE_INLINE void product_loop(std::span<const std::int8_t> counts, double factor, float* out) {
+  for (std::size_t i = 0; i < counts.size(); ++i) out[i] = static_cast<float>(counts[i] * factor);
+}
+CSIPOSE_AVX2 void product_avx2(std::span<const std::int8_t> counts, double factor, float* out) {
+  product_loop(counts, factor, out);
+}
+/// out[i] = counts[i] * factor, rounded once.
+void multiply(std::span<const std::int8_t> counts, double factor, float* out) {
+  has_avx2() ? product_avx2(counts, factor, out) : product_loop(counts, factor, out);
 }
 
 /// The first `streams` streams of each row of three, close together: what the loops over them can be fast on.
@@ -131,9 +160,8 @@ bool scale_csi(const CsiRecord& record, CsiMatrix out) {
   const std::span<const std::int8_t> counts = gather(record, out.size() / kCsiRows, memory);
   const std::optional<double> factor = factor_at_power(record, csi_power(counts));
   if (!factor) return false;
-  const double f = *factor;
-  auto* numbers = reinterpret_cast<float*>(out.data());  // std::complex is an array of two by its standard
-  for (std::size_t i = 0; i < counts.size(); ++i) numbers[i] = static_cast<float>(counts[i] * f);
+  // std::complex is an array of two by its standard
+  multiply(counts, *factor, reinterpret_cast<float*>(out.data()));
   return true;
 }
 
