@@ -33,9 +33,11 @@ function(csipose_command_lines)
   set_source_files_properties(${ARGN} PROPERTIES COMPILE_OPTIONS -O0)
 endfunction()
 
-# csipose_test(NAME FILE... LIBRARIES LIB...): one GoogleTest program, one line of ctest.
+# csipose_test(NAME FILE... [THREADS] LIBRARIES LIB...): one GoogleTest program, one line of ctest.
 # What every test includes is compiled once; test code itself is not worth optimising.
+# THREADS: more than one thread runs in it, or in a program that it starts. The thread sanitizer's build makes these alone.
 if(CSIPOSE_TESTS)
+  add_custom_target(csipose_tests)  # every test that this build runs, with the programs that tests start
   find_package(GTest REQUIRED)
   find_package(fmt REQUIRED)
   file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp CONTENT "")
@@ -45,7 +47,7 @@ if(CSIPOSE_TESTS)
   target_precompile_headers(csipose_test_headers PRIVATE <gtest/gtest.h> <fmt/format.h> <filesystem> <fstream> <random>)
 endif()
 function(csipose_test name)
-  cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
+  cmake_parse_arguments(ARG "THREADS" "" "LIBRARIES" ${ARGN})
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
   target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)
   target_link_libraries(${name} PRIVATE csipose_flags ${ARG_LIBRARIES} fmt::fmt GTest::gtest GTest::gtest_main)
@@ -54,12 +56,20 @@ function(csipose_test name)
     CSIPOSE_SHARED_DATA="${CSIPOSE_SHARED_DATA}" CSIPOSE_TEST_DATA="${CMAKE_SOURCE_DIR}/tests/data"
     CSIPOSE_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
-  add_test(NAME ${name} COMMAND ${name})
+  if(CSIPOSE_SANITIZE MATCHES thread AND NOT ARG_THREADS)
+    set_target_properties(${name} PROPERTIES EXCLUDE_FROM_ALL ON)
+  else()
+    add_test(NAME ${name} COMMAND ${name})
+    add_dependencies(csipose_tests ${name})
+  endif()
 endfunction()
 
 # csipose_fuzz(NAME FILE LIBRARIES LIB...): FILE defines LLVMFuzzerTestOneInput. With CSIPOSE_FUZZ it is a libFuzzer
 # program; without, a main() replays the corpus tests/fuzz/corpus/NAME, and ctest runs that in every build.
 function(csipose_fuzz name)
+  if(CSIPOSE_SANITIZE MATCHES thread)
+    return()  # a parser has one thread
+  endif()
   cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
   set(corpus ${CMAKE_SOURCE_DIR}/tests/fuzz/corpus/${name})
   if(CSIPOSE_FUZZ)
@@ -71,6 +81,7 @@ function(csipose_fuzz name)
     add_executable(fuzz_${name} ${ARG_UNPARSED_ARGUMENTS} ${CMAKE_SOURCE_DIR}/tests/fuzz/replay_main.cpp)
     add_test(NAME fuzz.${name} COMMAND fuzz_${name} ${corpus})
   endif()
+  add_dependencies(csipose_tests fuzz_${name})
   target_link_libraries(fuzz_${name} PRIVATE csipose_flags ${ARG_LIBRARIES})
   set_target_properties(fuzz_${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/fuzz)
 endfunction()
