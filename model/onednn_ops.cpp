@@ -111,9 +111,6 @@ void OneDnnContext::softmax(const SoftmaxRows& op, std::size_t rows) const {
 void OneDnnContext::store(const StoreRows& op, std::size_t rows) const {
   threads_.for_rows(rows, [&](std::size_t first, std::size_t last) { rows_.store(op, first, last); });
 }
-void OneDnnContext::gelu(const GeluRows& op, std::size_t rows) const {
-  threads_.for_rows(rows, [&](std::size_t first, std::size_t last) { rows_.gelu(op, first, last); });
-}
 
 void PreparedPrimitive::run(OneDnnContext& context) {
   const auto scratch = arguments.find(DNNL_ARG_SCRATCHPAD);

@@ -71,7 +71,6 @@ class OneDnnContext {
   void norm(const NormRows& op, std::size_t rows) const;
   void softmax(const SoftmaxRows& op, std::size_t rows) const;
   void store(const StoreRows& op, std::size_t rows) const;
-  void gelu(const GeluRows& op, std::size_t rows) const;
 
  private:
   CpuFeatures cpu_;

@@ -56,12 +56,6 @@ struct StoreRows {
   const float* position;  ///< added row by row; may be nullptr
   RowSink out;
 };
-/// gelu(x) by a polynomial, error below 4e-5: for the formats whose own step is coarser than that.
-struct GeluRows {
-  const float* x;
-  std::size_t width;
-  RowSink out;
-};
 
 /// The operations on rows [first, last).
 struct RowKernels {
@@ -69,7 +63,6 @@ struct RowKernels {
   void (*norm)(const NormRows&, std::size_t first, std::size_t last);
   void (*softmax)(const SoftmaxRows&, std::size_t first, std::size_t last);
   void (*store)(const StoreRows&, std::size_t first, std::size_t last);
-  void (*gelu)(const GeluRows&, std::size_t first, std::size_t last);
 };
 const RowKernels& row_kernels(const CpuFeatures& features);
 

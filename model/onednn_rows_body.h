@@ -79,22 +79,6 @@ inline Float exp_negative(Float x) {
   return x < -87.f ? all(0.f) : p * power;
 }
 
-/// x Phi(x), Phi = 1/2 + c P(c^2) with c = x clamped to +-4.5; P fitted to Phi with error <= 4e-5.
-inline Float gelu_of(Float x) {
-  const Float c = smaller(larger(x, all(-4.5f)), all(4.5f));
-  const Float s = c * c;
-  Float p = all(2.98566673e-11f);
-  p = p * s - 3.27091191e-9f;
-  p = p * s + 1.57551336e-7f;
-  p = p * s - 4.42281249e-6f;
-  p = p * s + 8.11210237e-5f;
-  p = p * s - 0.00103582089f;
-  p = p * s + 0.00958007554f;
-  p = p * s - 0.0659793752f;
-  p = p * s + 0.39871335f;
-  return x * (c * p + 0.5f);
-}
-
 inline Half to_half(Float v) {
   Int bits;
   std::memcpy(&bits, &v, sizeof bits);
@@ -197,16 +181,9 @@ inline void store_rows(const StoreRows& op, std::size_t first, std::size_t last)
     });
 }
 
-inline void gelu_rows(const GeluRows& op, std::size_t first, std::size_t last) {
-  for (std::size_t r = first; r < last; ++r)
-    for_vectors(op.x + r * op.width, op.width, 0, [&](Float v, std::size_t c, std::size_t count) {
-      store(op.out, r * op.width + c, gelu_of(v), count);
-    });
-}
-
 }  // namespace
 
 extern const RowKernels CSIPOSE_ROW_KERNELS;
-const RowKernels CSIPOSE_ROW_KERNELS = {CSIPOSE_ROW_NAME, norm_rows, softmax_rows, store_rows, gelu_rows};
+const RowKernels CSIPOSE_ROW_KERNELS = {CSIPOSE_ROW_NAME, norm_rows, softmax_rows, store_rows};
 
 }  // namespace csipose

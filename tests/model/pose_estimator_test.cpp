@@ -3,27 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <new>
 
 #include "model/model.h"
 #include "proto/result.h"
-
-namespace {
-std::size_t allocations = 0;
-}
-// Not inlined: GCC would see free() meet what it takes for the library's operator new.
-[[gnu::noinline]] void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* p = std::malloc(size)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
-  ++allocations;
-  return std::malloc(size);
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+#include "tests/counting_allocator.h"
 
 namespace csipose {
 namespace {
@@ -151,9 +134,9 @@ TEST_F(Estimator, DoesNotAllocate) {
   config.smoothing = Smoothing::one_euro;
   estimator->configure(config);
   next();
-  const std::size_t before = allocations;
+  const std::size_t before = testing::allocations;
   for (int i = 0; i < 100; ++i) next();
-  EXPECT_EQ(allocations, before);
+  EXPECT_EQ(testing::allocations, before);
 }
 
 TEST(EstimatorWithANetwork, AnUntrainedNetworkFindsNobody) {

@@ -4,27 +4,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <map>
-#include <new>
 #include <random>
 #include <vector>
 
-namespace {
-std::size_t allocations = 0;
-}
-// Not inlined: GCC would see free() meet what it takes for the library's operator new.
-[[gnu::noinline]] void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* p = std::malloc(size)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void* operator new(std::size_t size, const std::nothrow_t&) noexcept {
-  ++allocations;
-  return std::malloc(size);
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+#include "tests/counting_allocator.h"
 
 namespace csipose {
 namespace {
@@ -204,14 +188,14 @@ TEST(Tracker, ACrowdOfStrangersNeedsNoMemory) {
   Tracker tracker({milliseconds(10'000), true});
   std::vector<Person> people(kMaxPeople);
   std::uint32_t last_id = 0;
-  const std::size_t before = allocations;
+  const std::size_t before = testing::allocations;
   for (int i = 0; i < 500; ++i) {
     for (Person& person : people) person = standing(metres(random), metres(random));
     tracker.update(at(kStep * i), people);
     EXPECT_GT(people[0].id, last_id);
     last_id = people.back().id;
   }
-  EXPECT_EQ(allocations, before);
+  EXPECT_EQ(testing::allocations, before);
   EXPECT_LE(tracker.tracks(), 32u);
 }
 
