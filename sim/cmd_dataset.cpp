@@ -9,6 +9,7 @@
 
 #include "sim/commands.h"
 #include "sim/frame_maker.h"
+#include "sim/object_clip.h"
 #include "version.h"
 
 namespace csipose::sim {
@@ -66,7 +67,8 @@ void make_object_dataset(const DatasetOptions& options) {
   fill(
       dataset, options.clips, options.threads,
       [&](std::uint32_t clip) {
-        return make_object_clip(storage, level, options.seed, clip, options.frames, options.rate_hz);
+        const auto scene = object_scene(options.seed, clip, options.rate_hz);
+        return make_clip(*scene, storage, level, options.seed, clip, options.frames, options.rate_hz);
       },
       [&](std::uint32_t done, std::uint32_t clips) { progress(done, clips); });
   dataset.finish();

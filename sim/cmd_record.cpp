@@ -10,7 +10,8 @@
 #include "sim/atomic_file.h"
 #include "sim/commands.h"
 #include "sim/receiver_log.h"
-#include "sim/recorded_scene.h"
+#include "sim/solved_scene.h"
+#include "sim/walking_scene.h"
 
 namespace csipose::sim {
 namespace {
@@ -34,7 +35,7 @@ class Output {
     if (people > 0)
       truth_ = std::make_unique<NpyWriter<float>>(folder / "truth.npy", NpyShape{people, kJoints, 3});
   }
-  void write(Logs& logs, const std::vector<std::array<Vec3, kJoints>>& people) {
+  void write(Logs& logs, const std::vector<Joints>& people) {
     for (std::size_t r = 0; r < kReceivers; ++r) {
       files_[r]->write(logs[r]);
       logs[r].clear();
@@ -58,8 +59,8 @@ class Output {
 
 void record(const RecordOptions& options) {
   make_folder(options.folder);
-  const auto scene =
-      options.scene == "walk" ? walking_scene(options.rate_hz) : reflector_scene(options.rate_hz);
+  const auto scene = options.scene == "walk" ? solve_as_it_moves(walking_scene(options.rate_hz))
+                                             : reflector_channels(options.rate_hz);
   ReceiverBank bank(options.level, Band{}, options.seed, /*clip=*/0, options.rate_hz);
   Output output(options.folder, scene->people());
   const auto packets = static_cast<std::uint32_t>(options.seconds * options.rate_hz);

@@ -1,7 +1,5 @@
 #include "sim/frame_maker.h"
 
-#include "sim/object_clip.h"
-
 namespace csipose::sim {
 namespace {
 
@@ -38,33 +36,20 @@ std::vector<ArrayPlan> frame_arrays(Storage storage) {
 
 FrameMaker::FrameMaker(const Scene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
                        std::uint32_t clip, double rate_hz)
-    : storage_(storage),
-      clip_(clip),
-      solver_(scene),
-      bank_(level, Band{}, seed, clip, rate_hz),
-      h_(kSamples * kSubcarriers * kLinks) {}
+    : storage_(storage), clip_(clip), bank_(level, Band{}, seed, clip, rate_hz), batch_(scene) {}
 
-void FrameMaker::add_frame(std::span<const std::vector<Body>> bodies, ClipRows& rows) {
-  solver_.solve(bodies, h_);
+void FrameMaker::add_frame(MovingScene& scene, ClipRows& rows) {
+  batch_.advance(scene);
   append(rows[0], &clip_, 1);
   if (storage_ == Storage::channel)
-    append(rows[1], h_.data(), h_.size());
+    append(rows[1], batch_.h().data(), batch_.h().size());
   else
     append_records(rows);
 }
 
-Channel channel_of(std::span<const std::complex<float>> h, std::size_t snapshot) {
-  Channel channel;
-  for (std::size_t k = 0; k < kSubcarriers; ++k)
-    for (std::size_t r = 0; r < kReceivers; ++r)
-      for (std::size_t a = 0; a < kAntennas; ++a)
-        channel[r][k][a] = h[((snapshot * kSubcarriers + k) * kReceivers + r) * kAntennas + a];
-  return channel;
-}
-
 void FrameMaker::append_records(ClipRows& rows) {
   for (std::size_t t = 0; t < kSamples; ++t)
-    for (const auto& record : bank_.hear(channel_of(h_, t)).records) {
+    for (const auto& record : bank_.hear(batch_.channel(t)).records) {
       const CsiRecord kept = record.value_or(CsiRecord{});  // lost: zeros
       const std::uint8_t received = record.has_value();
       append(rows[1], matrix_of(kept).data(), kSubcarriers * kAntennas * 2);
@@ -74,22 +59,11 @@ void FrameMaker::append_records(ClipRows& rows) {
     }
 }
 
-ClipRows make_object_clip(Storage storage, ImpairmentLevel level, std::uint64_t seed, std::uint32_t clip,
-                          std::uint32_t frames, double rate_hz) {
-  ObjectClip objects = sample_object_clip(seed, clip);
-  const Scene scene = objects.scene();
-  FrameMaker maker(scene, storage, level, seed, clip, rate_hz);
+ClipRows make_clip(MovingScene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
+                   std::uint32_t clip, std::uint32_t frames, double rate_hz) {
+  FrameMaker maker(scene.still(), storage, level, seed, clip, rate_hz);
   ClipRows rows(frame_arrays(storage).size());
-  std::vector<std::vector<Body>> bodies(kSamples);
-  for (std::uint32_t frame = 0; frame < frames; ++frame) {
-    for (auto& snapshot : bodies) {
-      snapshot.clear();
-      for (const FlyingObject& object : objects.objects)
-        snapshot.push_back(object.body({object.material->permittivity(scene.carrier_hz), 0}));
-      objects.step(1 / rate_hz);
-    }
-    maker.add_frame(bodies, rows);
-  }
+  for (std::uint32_t frame = 0; frame < frames; ++frame) maker.add_frame(scene, rows);
   return rows;
 }
 

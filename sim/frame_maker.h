@@ -1,9 +1,9 @@
-// sim/frame_maker.h - from bodies in motion to the rows of a data set: physics, radio, arrays.
+// sim/frame_maker.h - from a room in motion to the rows of a data set: physics, radio, arrays.
 #pragma once
 
 #include "sim/dataset.h"
-#include "sim/fast_solver.h"
 #include "sim/receiver_log.h"
+#include "sim/solved_scene.h"
 
 namespace csipose::sim {
 
@@ -16,9 +16,6 @@ enum class Storage : std::uint8_t {
 /// The arrays of a frame of kSamples snapshots, but for labels.
 std::vector<ArrayPlan> frame_arrays(Storage storage);
 
-/// One snapshot of a solver's H[snapshot][kSubcarriers][kReceivers][kAntennas], as radios take it.
-Channel channel_of(std::span<const std::complex<float>> h, std::size_t snapshot);
-
 /// One clip's frames, one after another.
 class FrameMaker {
  public:
@@ -26,21 +23,21 @@ class FrameMaker {
   FrameMaker(const Scene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
              std::uint32_t clip, double rate_hz);
 
-  /// bodies[kSamples][body]. Appends one row to each of `rows`, in the order of frame_arrays().
-  void add_frame(std::span<const std::vector<Body>> bodies, ClipRows& rows);
+  /// Takes the next kSamples instants of `scene`, whose still() is that of the constructor. Appends one row to each of
+  /// `rows`, in the order of frame_arrays().
+  void add_frame(MovingScene& scene, ClipRows& rows);
 
  private:
   void append_records(ClipRows& rows);
 
   Storage storage_;
   std::uint32_t clip_;
-  FastSolver solver_;
   ReceiverBank bank_;
-  std::vector<std::complex<float>> h_;
+  SceneBatch batch_;
 };
 
-/// All frames of a sim-object clip.
-ClipRows make_object_clip(Storage storage, ImpairmentLevel level, std::uint64_t seed, std::uint32_t clip,
-                          std::uint32_t frames, double rate_hz);
+/// The first `frames` frames of a scene, which is clip `clip` of its set.
+ClipRows make_clip(MovingScene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
+                   std::uint32_t clip, std::uint32_t frames, double rate_hz);
 
 }  // namespace csipose::sim

@@ -19,7 +19,8 @@ using Joints = std::array<Vec3, kJoints>;
 class MovingScene {
  public:
   struct Snapshot {
-    std::vector<Body> bodies;    ///< the same ones in the same order at every snapshot; those that stand still too
+    std::vector<Body>
+        bodies;  ///< the same ones in the same order at every snapshot; those that stand still too
     std::vector<Joints> people;  ///< labels; empty where nobody is
   };
 
@@ -28,7 +29,7 @@ class MovingScene {
   virtual const Scene& still() const = 0;
   /// How many people every snapshot has.
   virtual std::size_t people() const = 0;
-  /// The next instant of the grid; the first call gives t = 0. Allocates nothing once `out` has its size.
+  /// The next instant of the grid; the first call gives t = 0.
   virtual void next(Snapshot& out) = 0;
 };
 

@@ -219,4 +219,35 @@ ObjectClip sample_object_clip(std::uint64_t seed, std::uint32_t clip_number) {
   return clip;
 }
 
+namespace {
+
+class ObjectScene final : public MovingScene {
+ public:
+  ObjectScene(std::uint64_t seed, std::uint32_t clip, double rate_hz)
+      : clip_(sample_object_clip(seed, clip)), still_(clip_.scene()), step_s_(1 / rate_hz) {
+    for (const FlyingObject& object : clip_.objects)
+      surfaces_.push_back({object.material->permittivity(still_.carrier_hz), 0});
+  }
+  const Scene& still() const override { return still_; }
+  std::size_t people() const override { return 0; }
+  void next(Snapshot& out) override {
+    out.bodies.resize(clip_.objects.size());
+    for (std::size_t i = 0; i < clip_.objects.size(); ++i)
+      out.bodies[i] = clip_.objects[i].body(surfaces_[i]);
+    clip_.step(step_s_);
+  }
+
+ private:
+  ObjectClip clip_;
+  Scene still_;
+  std::vector<Surface> surfaces_;
+  double step_s_;
+};
+
+}  // namespace
+
+std::unique_ptr<MovingScene> object_scene(std::uint64_t seed, std::uint32_t clip, double rate_hz) {
+  return std::make_unique<ObjectScene>(seed, clip, rate_hz);
+}
+
 }  // namespace csipose::sim

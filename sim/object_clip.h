@@ -9,7 +9,7 @@
 
 #include "sim/counter_rng.h"
 #include "sim/material.h"
-#include "sim/scene.h"
+#include "sim/moving_scene.h"
 
 namespace csipose::sim {
 
@@ -46,5 +46,7 @@ struct ObjectClip {
 };
 
 ObjectClip sample_object_clip(std::uint64_t seed, std::uint32_t clip);
+/// The clip as it runs on.
+std::unique_ptr<MovingScene> object_scene(std::uint64_t seed, std::uint32_t clip, double rate_hz);
 
 }  // namespace csipose::sim

@@ -34,7 +34,8 @@ class DatasetTest : public ::testing::Test {
     return {folder_ / name, kClips, kFrames, frame_arrays(Storage::records), {{"seed", std::move(seed)}}};
   }
   static ClipRows clip(std::uint32_t number) {
-    return make_object_clip(Storage::records, ImpairmentLevel::intel5300, kSeed, number, kFrames, 300);
+    const auto scene = object_scene(kSeed, number, 300);
+    return make_clip(*scene, Storage::records, ImpairmentLevel::intel5300, kSeed, number, kFrames, 300);
   }
   void make_whole(const char* name, unsigned threads) {
     Dataset dataset(plan(name));
@@ -112,7 +113,8 @@ TEST_F(DatasetTest, AFailingClipEndsTheRunWithItsError) {
 }
 
 TEST(FrameMaker, LostPacketsAreMarkedAndTheRestIsWhatTheCardSaw) {
-  const ClipRows rows = make_object_clip(Storage::records, ImpairmentLevel::intel5300, 1, 0, 5, 300);
+  const ClipRows rows =
+      make_clip(*object_scene(1, 0, 300), Storage::records, ImpairmentLevel::intel5300, 1, 0, 5, 300);
   const std::size_t matrix = kSubcarriers * kAntennas * 2;
   std::size_t heard = 0;
   for (std::size_t i = 0; i < rows[2].size(); ++i) {
@@ -126,7 +128,8 @@ TEST(FrameMaker, LostPacketsAreMarkedAndTheRestIsWhatTheCardSaw) {
 }
 
 TEST(FrameMaker, ChannelIsTheSolvers) {
-  const ClipRows rows = make_object_clip(Storage::channel, ImpairmentLevel::none, 1, 0, 1, 300);
+  const ClipRows rows =
+      make_clip(*object_scene(1, 0, 300), Storage::channel, ImpairmentLevel::none, 1, 0, 1, 300);
   std::vector<std::complex<float>> stored(rows[1].size() / sizeof(std::complex<float>));
   std::memcpy(stored.data(), rows[1].data(), rows[1].size());
   ObjectClip objects = sample_object_clip(1, 0);

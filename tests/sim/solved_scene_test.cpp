@@ -1,14 +1,15 @@
-#include "sim/recorded_scene.h"
+#include "sim/solved_scene.h"
 
 #include <gtest/gtest.h>
 
 #include "sim/reflector.h"
+#include "sim/walking_scene.h"
 
 namespace csipose::sim {
 namespace {
 
 TEST(ReflectorScene, RunsOnItsGrid) {
-  const auto scene = reflector_scene(300);
+  const auto scene = reflector_channels(300);
   EXPECT_EQ(scene->people(), 0u);
   for (int n = 0; n < 3; ++n) {
     const Channel expected = reflector_channel(default_reflector_scene(Band{}), Band{}, n / 300.0);
@@ -17,7 +18,7 @@ TEST(ReflectorScene, RunsOnItsGrid) {
 }
 
 TEST(WalkingScene, APersonMovesTheChannelAndStaysInTheRoom) {
-  const auto scene = walking_scene(300);
+  const auto scene = solve_as_it_moves(walking_scene(300));
   ASSERT_EQ(scene->people(), 1u);
   const Instant first = scene->next();
   Instant last = first;
