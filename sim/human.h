@@ -17,9 +17,13 @@ struct Figure {
   explicit Figure(double stature) : stature_m(stature) {}
   double stature_m;
   double girth = 1;  ///< factor on all widths: sqrt(BMI / 22.5)
+  std::array<double, 2> legs{1, 1},
+      arms{1, 1};  ///< factor on the lengths of either side; nobody is quite symmetric
 
-  double thigh_m() const { return 0.245 * stature_m; }
-  double shank_m() const { return 0.246 * stature_m; }
+  double thigh_m(std::size_t side = 0) const { return 0.245 * stature_m * legs[side]; }
+  double shank_m(std::size_t side = 0) const { return 0.246 * stature_m * legs[side]; }
+  double upper_arm_m(std::size_t side) const { return 0.186 * stature_m * arms[side]; }
+  double forearm_m(std::size_t side) const { return 0.146 * stature_m * arms[side]; }
   double ankle_height_m() const { return 0.039 * stature_m; }
   double hip_height_m() const { return 0.530 * stature_m; }
   double half_hips_m() const { return 0.052 * stature_m; }
@@ -43,7 +47,12 @@ struct Posture {
   double heading_rad = 0;  ///< about z; 0 looks along +x
   double trunk_pitch_rad = 0, trunk_roll_rad = 0,
          trunk_yaw_rad = 0;  ///< forward, to the left, against the pelvis
+  double pelvis_roll_rad =
+      0;  ///< of the hips alone, to the left: who lies on a side has them above each other
   std::array<Vec3, 2> ankles{};
+  std::array<double, 2> foot_heading_rad{};
+  double knees_out_rad =
+      0;  ///< both knees turned outward: who lies face down has them beside the legs, not below
   std::array<ArmAngles, 2> arms{};
 };
 
@@ -51,12 +60,20 @@ struct Posture {
 struct Stance {
   Vec3 pelvis{}, neck{}, forward{}, left{}, up{};  ///< forward, left, up: the trunk's axes
   Vec3 pelvis_forward{}, pelvis_left{};
+  std::array<Vec3, 2> toes{};  ///< unit, from the heel
+  double breath_m = 0;         ///< by which the thorax is wider and deeper than at rest
   std::array<Vec3, 2> hips{}, knees{}, ankles{}, shoulders{}, elbows{}, wrists{}, hands{};
 };
 Stance stance_of(const Figure& figure, const Posture& posture);
 
-/// Hip, knee and ankle in a plane with `forward`; an ankle out of reach is drawn in to 0.998 of the leg.
-Vec3 knee_of(const Figure& figure, const Vec3& hip, const Vec3& ankle, const Vec3& forward);
+/// The knee between hip and ankle: it bends forward, that of one who lies on the back upward. `forward` and `left` are the
+/// pelvis's; `splay_rad` turns the knee outward. An ankle out of reach is drawn in to 0.998 of the leg.
+Vec3 knee_of(const Figure& figure, std::size_t side, const Vec3& hip, const Vec3& ankle, const Vec3& forward,
+             const Vec3& left, double splay_rad);
+
+/// As high as both legs reach and no higher than `lower_m`, rounded off over 15 mm: a soft minimum. Of `posture` it takes the
+/// pelvis's place on the floor, the heading and the ankles.
+double pelvis_height(const Figure& figure, const Posture& posture, double lower_m);
 
 /// Labels in the order of proto/pose.h. They are where the real data set puts them: "head" and "hand" lie nearer than the
 /// middles of skull and fist.

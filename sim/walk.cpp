@@ -8,23 +8,7 @@
 namespace csipose::sim {
 namespace {
 constexpr double kPi = std::numbers::pi;
-constexpr double kDegree = kPi / 180;
-constexpr double kBlend_m = 0.015;  // how smoothly the hips pass from one leg's reach to the other's
-
-/// As high as both legs reach, rounded off: a soft minimum.
-double pelvis_height(const Figure& figure, const Posture& posture) {
-  const Vec3 left{-std::sin(posture.heading_rad), std::cos(posture.heading_rad), 0};
-  double sum = std::exp(-0.985 * figure.hip_height_m() / kBlend_m);
-  for (const std::size_t side : {kLeft, kRight}) {
-    const Vec3 hip = posture.pelvis + sign_of(side) * figure.half_hips_m() * left;
-    const Vec3 off = posture.ankles[side] - hip;
-    const double reach = 0.993 * (figure.thigh_m() + figure.shank_m());
-    const double drop2 = reach * reach - off.x * off.x - off.y * off.y;
-    sum += std::exp(-(posture.ankles[side].z + std::sqrt(std::max(drop2, 0.0))) / kBlend_m);
-  }
-  return -kBlend_m * std::log(sum);
-}
-
+constexpr double kDegree = kPi / 180, kAnyHeight_m = 10;
 }  // namespace
 
 Vec3 Course::at(double arc_m) const {
@@ -69,13 +53,14 @@ Posture walking(const Gait& gait, const Course& course, double t_s) {
     const Vec3 left{-std::sin(heading), std::cos(heading), 0};
     posture.ankles[side] = course.at(foot.arc_m) + sign_of(side) * figure.half_hips_m() * left;
     posture.ankles[side].z = foot.ankle_z_m;
+    posture.foot_heading_rad[side] = heading;
     // Arms swing against the leg of their side, which is furthest ahead at its strike.
     const double swing = std::cos(2 * kPi * (t_s / gait.cycle_s + (side == kLeft ? 0.5 : 0)));
     posture.arms[side] = {-(8 + 14 * gait.speed_m_s) * kDegree * swing, 8 * kDegree,
                           (20 - 10 * swing) * kDegree};
   }
   posture.trunk_yaw_rad = 5 * kDegree * std::cos(2 * kPi * t_s / gait.cycle_s);
-  posture.pelvis.z = pelvis_height(figure, posture);
+  posture.pelvis.z = pelvis_height(figure, posture, kAnyHeight_m);
   return posture;
 }
 
