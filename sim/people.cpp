@@ -8,11 +8,11 @@
 namespace csipose::sim {
 namespace {
 constexpr double kPi = std::numbers::pi;
-constexpr int kPlans = 100, kGoals = 50, kPlaces = 200;
-constexpr double kLookEvery_s = 0.1, kShortestWalk_m = 0.6, kMostSkipped_s = 4;
-constexpr double kSpread_rad = 0.7;  // an arm further from the body is spread
-
-using People = std::vector<std::unique_ptr<Person>>;
+constexpr int kTries = 20, kGoals = 50, kPlaces = 200;
+constexpr double kLookEvery_s = 0.04, kShortestWalk_m = 0.6, kLongestHeadStart_s = 4, kWait_s = 0.8;
+constexpr double kForEver_s = 1e9;
+constexpr double kSpread =
+    0.6;  // of an arm's length that a hand is aside of its shoulder when arms are spread
 
 bool is_free(const Stage& stage, const Vec3& p) {
   return stage.area.holds(p, kInside_m) &&
@@ -33,33 +33,25 @@ Vec3 draw_place(const Stage& stage, CounterRng& rng) {
 
 double apart(const Vec3& a, const Vec3& b) { return std::hypot(a.x - b.x, a.y - b.y); }
 
-bool arms_spread(const Stance& s) {
+bool arms_spread(const Figure& figure, const Stance& s) {
   for (const std::size_t side : {kLeft, kRight})
     if (glm::dot(s.hands[side] - s.shoulders[side], s.left) * sign_of(side) >
-        std::sin(kSpread_rad) * 0.386 * 1.7)
+        kSpread * (figure.upper_arm_m(side) + figure.forearm_m(side)))
       return true;
   return false;
 }
 
-/// How far `p` is from whoever comes nearest, less what is due: not below 0 where all is well.
-double room_left(const Person& p, const People& others, double seconds) {
-  double least = 1e9;
-  for (double t = 0; t <= seconds; t += kLookEvery_s) {
-    const Stance own = p.at(t);
-    const bool spread = arms_spread(own);
-    for (const auto& other : others) {
-      const Stance theirs = other->at(t);
-      const double due = spread || arms_spread(theirs) ? kApartSpread_m : kApart_m;
-      least = std::min(least, apart(own.pelvis, theirs.pelvis) - due);
-    }
+/// The place of many at which one comes least near to the others.
+Vec3 draw_place_apart(const Stage& stage, std::span<const std::unique_ptr<Person>> others, CounterRng& rng) {
+  Vec3 best{};
+  double most = -1;
+  for (int i = 0; i < kPlaces && most < kApartSpread_m; ++i) {
+    const Vec3 place = draw_place(stage, rng);
+    double nearest = 1e9;
+    for (const auto& other : others) nearest = std::min(nearest, apart(place, other->at(0).pelvis));
+    if (nearest > most) most = nearest, best = place;
   }
-  return least;
-}
-
-bool stays_on_stage(const Person& p, const Stage& stage, double seconds) {
-  for (double t = 0; t <= seconds; t += kLookEvery_s)
-    if (!is_free(stage, p.at(t).pelvis)) return false;
-  return true;
+  return best;
 }
 
 /// Writes one action; returns when it is over.
@@ -74,79 +66,7 @@ double add(Score& score, Action action, double begin_s, const Stage& stage, Coun
   return add_stand(score, begin_s, rng);
 }
 
-std::unique_ptr<Person> draw_plan(const Figure& figure, const Stage& stage, double seconds, CounterRng& rng) {
-  Score score(figure, draw_place(stage, rng), rng.uniform(-kPi, kPi));
-  std::vector<std::pair<double, Action>> doing;
-  const double skipped_s = rng.uniform(0, kMostSkipped_s);
-  Action action = stage.allowed[rng.index(static_cast<std::uint32_t>(stage.allowed.size()))];
-  const bool on_chair = stage.chairs && action == Action::sit;
-  // A fall is the last thing: whoever falls does so in the middle of what is seen.
-  double now_s = action == Action::fall ? skipped_s + rng.uniform(0.1, 0.5) * seconds : 0;
-  while (now_s < skipped_s + seconds) {
-    doing.emplace_back(now_s, action);
-    now_s = add(score, action, now_s, stage, rng);
-    if (action == Action::fall) break;
-    do action = stage.allowed[rng.index(static_cast<std::uint32_t>(stage.allowed.size()))];
-    while (action == Action::fall && stage.allowed.size() > 1);
-    if (on_chair) action = rng.chance(0.5) ? Action::sit : Action::stand;
-  }
-  auto person = std::make_unique<Person>(score, skipped_s, std::move(doing), rng);
-  if (on_chair) {
-    const double heading = score.heading_rad();
-    const Vec3 back{-std::cos(heading), -std::sin(heading), 0};
-    person->chair = {score.place() + 0.16 * figure.stature_m * back + Vec3{0, 0, kSeat_m}, heading};
-  }
-  return person;
-}
-
-std::unique_ptr<Person> draw_standing(const Figure& figure, const Stage& stage, CounterRng& rng) {
-  Score score(figure, draw_place(stage, rng), rng.uniform(-kPi, kPi));
-  return std::make_unique<Person>(score, 0, std::vector<std::pair<double, Action>>{{0, Action::stand}}, rng);
-}
-
-/// The best of many places to stand.
-std::unique_ptr<Person> stand_aside(const Figure& figure, const Stage& stage, const People& others,
-                                    double seconds, CounterRng& rng) {
-  std::unique_ptr<Person> best;
-  double most = -1e9;
-  for (int i = 0; i < kPlans; ++i) {
-    auto person = draw_standing(figure, stage, rng);
-    const double left = room_left(*person, others, seconds);
-    if (left > most) most = left, best = std::move(person);
-    if (most >= 0) break;
-  }
-  return best;
-}
-
 }  // namespace
-
-double Person::Sine::at(double t_s) const {
-  return amplitude_m * std::sin(2 * kPi * rate_hz * t_s + phase_rad);
-}
-
-Person::Person(Score score, double skipped_s, std::vector<std::pair<double, Action>> doing, CounterRng& rng)
-    : score_(std::move(score)), skipped_s_(skipped_s), doing_(std::move(doing)) {
-  breath_ = {rng.uniform(0.002, 0.004), rng.uniform(0.2, 0.33), rng.uniform(0, 2 * kPi)};
-  for (auto& axis : sway_)
-    for (Sine& sine : axis)
-      sine = {rng.uniform(0.002, 0.005) / 3, rng.uniform(0.1, 0.8), rng.uniform(0, 2 * kPi)};
-}
-
-Stance Person::at(double t_s) const {
-  Posture posture = score_.at(skipped_s_ + t_s);
-  for (int axis = 0; axis < 2; ++axis)
-    for (const Sine& sine : sway_[static_cast<std::size_t>(axis)]) posture.pelvis[axis] += sine.at(t_s);
-  Stance stance = stance_of(score_.figure, posture);
-  stance.breath_m = breath_.amplitude_m + breath_.at(t_s);  // half of what the width gains
-  return stance;
-}
-
-Action Person::action_at(double t_s) const {
-  Action now = Action::stand;
-  for (const auto& [from_s, action] : doing_)
-    if (from_s <= skipped_s_ + t_s) now = action;
-  return now;
-}
 
 Figure draw_figure(CounterRng& rng) {
   Figure figure(std::clamp(1.72 + 0.08 * rng.normal(), 1.52, 1.92));
@@ -156,22 +76,101 @@ Figure draw_figure(CounterRng& rng) {
   return figure;
 }
 
-std::vector<std::unique_ptr<Person>> sample_people(const Stage& stage, std::size_t count, double seconds,
-                                                   std::uint64_t seed, std::uint32_t clip) {
-  assert(!stage.allowed.empty());
-  People people;
-  for (std::size_t i = 0; i < count; ++i) {
-    CounterRng rng(seed, Purpose::persons, static_cast<std::uint16_t>(i), clip, 0);
-    const Figure figure = draw_figure(rng);
-    std::unique_ptr<Person> person;
-    for (int plan = 0; plan < kPlans; ++plan) {
-      person = draw_plan(figure, stage, seconds, rng);
-      if (stays_on_stage(*person, stage, seconds) && room_left(*person, people, seconds) >= 0) break;
-      person.reset();
-    }
-    people.push_back(person ? std::move(person) : stand_aside(figure, stage, people, seconds, rng));
+double Person::Sine::at(double t_s) const {
+  return amplitude_m * std::sin(2 * kPi * rate_hz * t_s + phase_rad);
+}
+
+Person::Person(Score score, const CounterRng& rng) : score_(std::move(score)), rng_(rng) {
+  breath_ = {rng_.uniform(0.002, 0.004), rng_.uniform(0.2, 0.33), rng_.uniform(0, 2 * kPi)};
+  for (auto& axis : sway_)
+    for (Sine& sine : axis)
+      sine = {rng_.uniform(0.002, 0.005) / 3, rng_.uniform(0.1, 0.8), rng_.uniform(0, 2 * kPi)};
+}
+
+Stance Person::at(double t_s) const {
+  Posture posture = score_.at(t_s);
+  for (int axis = 0; axis < 2; ++axis)
+    for (const Sine& sine : sway_[static_cast<std::size_t>(axis)]) posture.pelvis[axis] += sine.at(t_s);
+  Stance stance = stance_of(score_.figure, posture);
+  stance.breath_m = breath_.amplitude_m + breath_.at(t_s);  // half of what the width gains
+  return stance;
+}
+
+Action Person::action_at(double t_s) const {
+  const auto after = std::upper_bound(doing_.begin(), doing_.end(), t_s,
+                                      [](double t, const auto& it) { return t < it.first; });
+  return after == doing_.begin() ? Action::stand : std::prev(after)->second;
+}
+
+Crowd::Crowd(Stage stage, std::size_t count, std::uint64_t seed, std::uint32_t clip)
+    : stage_(std::move(stage)) {
+  assert(!stage_.allowed.empty());
+  while (people_.size() < count) add_person(seed, clip);
+  plan_until(0);
+}
+
+void Crowd::add_person(std::uint64_t seed, std::uint32_t clip) {
+  CounterRng rng(seed, Purpose::persons, static_cast<std::uint16_t>(people_.size()), clip, 0);
+  const Figure figure = draw_figure(rng);
+  const Vec3 place = draw_place_apart(stage_, people_, rng);
+  const double heading_rad = rng.uniform(-kPi, kPi);
+  auto person = std::make_unique<Person>(Score(figure, place, heading_rad), rng);
+  // Nobody begins what they do just when the scene begins.
+  person->planned_s_ = -person->rng_.uniform(0, kLongestHeadStart_s);
+  if (stage_.chairs && draw_action(*person) == Action::sit) {
+    const Vec3 back{-std::cos(heading_rad), -std::sin(heading_rad), 0};
+    person->chair_ = {place + 0.16 * figure.stature_m * back + Vec3{0, 0, kSeat_m}, heading_rad};
   }
-  return people;
+  people_.push_back(std::move(person));
+}
+
+void Crowd::plan_until(double t_s) {
+  const auto later = [](const auto& a, const auto& b) { return a->planned_s_ < b->planned_s_; };
+  while (!people_.empty()) {
+    const auto first = std::min_element(people_.begin(), people_.end(), later);
+    if ((*first)->planned_s_ > t_s) return;
+    extend(**first);
+  }
+}
+
+Action Crowd::draw_action(Person& person) const {
+  if (person.chair_) return person.rng_.chance(0.5) ? Action::sit : Action::stand;
+  return stage_.allowed[person.rng_.index(static_cast<std::uint32_t>(stage_.allowed.size()))];
+}
+
+void Crowd::extend(Person& person) {
+  const double begin_s = person.planned_s_;
+  const Score before = person.score_;
+  for (int i = 0; i < kTries; ++i) {
+    const Action action = draw_action(person);
+    const double end_s = add(person.score_, action, begin_s, stage_, person.rng_);
+    if (holds(person, begin_s, end_s)) {
+      person.doing_.emplace_back(begin_s, action);
+      person.planned_s_ = action == Action::fall ? kForEver_s : end_s;
+      return;
+    }
+    person.score_ = before;
+  }
+  person.doing_.emplace_back(begin_s, Action::stand);
+  person.planned_s_ = begin_s + kWait_s;
+}
+
+bool Crowd::holds(const Person& person, double from_s, double to_s) const {
+  // Others may have plans beyond: afterwards the person stands in nobody's way.
+  for (const auto& other : people_)
+    if (other->planned_s_ < kForEver_s) to_s = std::max(to_s, other->planned_s_);
+  for (double t = from_s; t <= to_s; t += kLookEvery_s) {
+    const Stance own = person.at(t);
+    if (!is_free(stage_, own.pelvis)) return false;
+    const bool spread = arms_spread(person.figure(), own);
+    for (const auto& other : people_) {
+      if (other.get() == &person) continue;
+      const Stance theirs = other->at(t);
+      const double due = spread || arms_spread(other->figure(), theirs) ? kApartSpread_m : kApart_m;
+      if (apart(own.pelvis, theirs.pelvis) < due) return false;
+    }
+  }
+  return true;
 }
 
 }  // namespace csipose::sim

@@ -19,51 +19,71 @@ struct Rectangle {
   }
 };
 
-/// Where people may be: the capture area, less what stands in it.
+/// Where people may be, and what they may do there.
 struct Stage {
   Rectangle area{0, 0, 4.0, 3.5};
   std::vector<Rectangle> obstacles;
-  std::span<const Action> allowed;  ///< at least one
-  bool chairs = false;              ///< who sits has a chair: stays there from the first instant to the last
+  std::vector<Action> allowed;  ///< at least one
+  bool chairs = false;          ///< who begins by sitting has a chair, and stays with it
 };
 
 /// Hips keep this far inside the area, from furniture, and from other hips (more where arms are spread).
 inline constexpr double kInside_m = 0.45, kOffObstacle_m = 0.35, kApart_m = 0.7, kApartSpread_m = 0.9;
 
-/// One who does one thing after another.
+/// Stature N(1.72 m, 0.08), body mass index 19-29, sides alike within 1.5 %.
+Figure draw_figure(CounterRng& rng);
+
+/// One who does one thing after another, and breathes and sways meanwhile.
 class Person final : public Motion {
  public:
-  /// `score` from `skipped_s` on; breath and sway are drawn from `rng`.
-  Person(Score score, double skipped_s, std::vector<std::pair<double, Action>> doing, CounterRng& rng);
-
-  const Figure& figure() const override { return score_.figure; }
-  Stance at(double t_s) const override;
-  Action action_at(double t_s) const;
-  /// Middle of the seat's upper side and the heading of who sits, when there is a chair.
+  /// Middle of the seat's upper side and the heading of who sits.
   struct Chair {
     Vec3 seat{};
     double heading_rad = 0;
   };
-  std::optional<Chair> chair;
+
+  Person(Score score, const CounterRng& rng);
+
+  const Figure& figure() const override { return score_.figure; }
+  /// Stands where the plan ends beyond it.
+  Stance at(double t_s) const override;
+  Action action_at(double t_s) const;
+  const std::optional<Chair>& chair() const { return chair_; }
 
  private:
+  friend class Crowd;
   struct Sine {
     double amplitude_m, rate_hz, phase_rad;
     double at(double t_s) const;
   };
   Score score_;
-  double skipped_s_;
+  double planned_s_ = 0;                          ///< until when
   std::vector<std::pair<double, Action>> doing_;  ///< from when on
+  std::optional<Chair> chair_;
+  CounterRng rng_;
   Sine breath_{};
   std::array<std::array<Sine, 3>, 2> sway_{};  ///< [axis]
 };
 
-/// Stature N(1.72 m, 0.08), body mass index 19-29, sides alike within 1.5 %.
-Figure draw_figure(CounterRng& rng);
+/// Everybody in a room. Plans are made action by action, always for whoever is first without one, so that they keep apart
+/// for as long as the scene goes on; who finds no way for an action in many tries stands and waits. The same for the same
+/// seed and clip, however far ahead one asks.
+class Crowd {
+ public:
+  Crowd(Stage stage, std::size_t count, std::uint64_t seed, std::uint32_t clip);
 
-/// `count` people for `seconds`, the same for the same seed and clip. Whoever finds no way among the others in 100 tries
-/// stands still where most room is left.
-std::vector<std::unique_ptr<Person>> sample_people(const Stage& stage, std::size_t count, double seconds,
-                                                   std::uint64_t seed, std::uint32_t clip);
+  /// Makes sure that everybody has something to do until then. at() may be asked up to the last such instant.
+  void plan_until(double t_s);
+  std::span<const std::unique_ptr<Person>> people() const { return people_; }
+
+ private:
+  void add_person(std::uint64_t seed, std::uint32_t clip);
+  void extend(Person& person);
+  Action draw_action(Person& person) const;
+  bool holds(const Person& person, double from_s, double to_s) const;
+
+  Stage stage_;
+  std::vector<std::unique_ptr<Person>> people_;
+};
 
 }  // namespace csipose::sim

@@ -85,6 +85,7 @@ FootTrack::State FootTrack::at(double t_s, double stature_m) const {
 Score::Score(const Figure& person, const Vec3& place, double heading_rad)
     : figure(person), hips_m(person.hip_height_m()) {
   Travel standing;
+  standing.begin_s = standing.end_s = kLongAgo_s;
   standing.course.start = {place.x, place.y, 0};
   standing.course.heading_rad = heading_rad;
   travels.push_back(standing);

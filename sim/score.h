@@ -13,10 +13,13 @@
 
 namespace csipose::sim {
 
+/// Before any note. Notes may have negative times.
+inline constexpr double kLongAgo_s = -1e9;
+
 /// A number over time: holds its last value until the next note, and reaches that one by a minimum-jerk step.
 class Curve {
  public:
-  explicit Curve(double start = 0) : notes_{{0, 0, start}} {}
+  explicit Curve(double start = 0) : notes_{{kLongAgo_s, kLongAgo_s, start}} {}
   /// From `begin` to `end` the value goes to `value`. Notes come in order and do not overlap.
   void move(double begin_s, double end_s, double value) { notes_.push_back({begin_s, end_s, value}); }
   double at(double t_s) const;
@@ -63,7 +66,7 @@ class FootTrack {
   void add(const Step& step) { steps_.push_back(step); }
   const Vec3& end() const { return steps_.empty() ? start_ : steps_.back().to; }
   /// When the last step is down.
-  double quiet_after_s() const { return steps_.empty() ? 0 : steps_.back().strike_s; }
+  double quiet_after_s() const { return steps_.empty() ? kLongAgo_s : steps_.back().strike_s; }
 
   struct State {
     Vec3 ankle{};

@@ -22,8 +22,14 @@ std::uint32_t clips() {
 
 Stage stage_of(std::span<const Action> allowed) {
   Stage stage;
-  stage.allowed = allowed;
+  stage.allowed.assign(allowed.begin(), allowed.end());
   return stage;
+}
+
+Crowd crowd_of(const Stage& stage, std::size_t count, std::uint64_t seed, std::uint32_t clip) {
+  Crowd crowd(stage, count, seed, clip);
+  crowd.plan_until(kSeconds);
+  return crowd;
 }
 
 constexpr std::array<Action, kActions> kAll{Action::walk,  Action::raise_arms, Action::wave, Action::stretch,
@@ -114,9 +120,9 @@ INSTANTIATE_TEST_SUITE_P(People, EveryAction, ::testing::ValuesIn(kAll),
 TEST_P(EveryAction, KeepsBonesLimitsAndGround) {
   const std::array<Action, 1> allowed{GetParam()};
   for (std::uint32_t clip = 0; clip < clips() / kActions; ++clip) {
-    const auto people = sample_people(stage_of(allowed), 1, kSeconds, 7, clip);
+    const Crowd crowd = crowd_of(stage_of(allowed), 1, 7, clip);
     for (double t = 0.01; t < kSeconds; t += 0.137) {
-      ASSERT_NO_FATAL_FAILURE(expect_body_holds(*people[0], t)) << "clip " << clip << " at " << t;
+      ASSERT_NO_FATAL_FAILURE(expect_body_holds(*crowd.people()[0], t)) << "clip " << clip << " at " << t;
     }
   }
 }
@@ -125,7 +131,8 @@ TEST(People, KeepApartAndOnTheirStage) {
   for (std::uint32_t clip = 0; clip < clips() / 3; ++clip) {
     Stage stage = stage_of(std::span(kAll).first(9));  // who falls needs more room than three have
     stage.obstacles = {{0, 0, 0.8, 0.6}};
-    const auto people = sample_people(stage, 1 + clip % 3, kSeconds, 3, clip);
+    const Crowd crowd = crowd_of(stage, 1 + clip % 3, 3, clip);
+    const auto people = crowd.people();
     ASSERT_EQ(people.size(), 1 + clip % 3);
     for (double t = 0; t <= kSeconds; t += 0.5)
       for (std::size_t i = 0; i < people.size(); ++i) {
@@ -138,27 +145,43 @@ TEST(People, KeepApartAndOnTheirStage) {
   }
 }
 
+TEST(People, KeepApartForMinutes) {
+  Stage stage = stage_of(std::array{Action::walk});
+  Crowd crowd(stage, 2, 11, 0);
+  crowd.plan_until(120);
+  double way_m = 0;
+  Vec3 last = crowd.people()[0]->at(0).pelvis;
+  for (double t = 0; t <= 120; t += 0.25) {
+    const Vec3 p = crowd.people()[0]->at(t).pelvis, q = crowd.people()[1]->at(t).pelvis;
+    ASSERT_GT(std::hypot(p.x - q.x, p.y - q.y), kApart_m - 0.1) << t;
+    way_m += glm::distance(p, last);
+    last = p;
+  }
+  EXPECT_GT(way_m, 20) << "and they do walk";
+}
+
 TEST(People, AreTheSameForTheSameSeedAndClip) {
-  const auto once = sample_people(stage_of(kAll), 3, kSeconds, 5, 9);
-  const auto again = sample_people(stage_of(kAll), 3, kSeconds, 5, 9);
-  const auto other = sample_people(stage_of(kAll), 3, kSeconds, 5, 10);
+  const Crowd once = crowd_of(stage_of(kAll), 3, 5, 9), other = crowd_of(stage_of(kAll), 3, 5, 10);
+  Crowd again(stage_of(kAll), 3, 5, 9);
+  for (double t = 0; t <= kSeconds; t += 0.3) again.plan_until(t);  // bit by bit
   for (std::size_t i = 0; i < 3; ++i) {
-    EXPECT_EQ(once[i]->at(2.5).hands, again[i]->at(2.5).hands);
-    EXPECT_NE(once[i]->at(2.5).hands, other[i]->at(2.5).hands);
+    EXPECT_EQ(once.people()[i]->at(2.5).hands, again.people()[i]->at(2.5).hands);
+    EXPECT_NE(once.people()[i]->at(2.5).hands, other.people()[i]->at(2.5).hands);
   }
 }
 
 TEST(People, WhoSitsOnAChairStaysThere) {
   Stage stage = stage_of(kAll);
-  const std::array<Action, 1> sit{Action::sit};
-  stage.allowed = sit;
+  stage.allowed = {Action::sit};
   stage.chairs = true;
-  const auto people = sample_people(stage, 1, kSeconds, 2, 0);
-  ASSERT_TRUE(people[0]->chair.has_value());
+  Crowd crowd(stage, 1, 2, 0);
+  crowd.plan_until(30);
+  const auto people = crowd.people();
+  ASSERT_TRUE(people[0]->chair().has_value());
   double lowest = 9;
-  for (double t = 0; t < kSeconds; t += 0.1) {
+  for (double t = 0; t < 30; t += 0.1) {
     const Vec3 p = people[0]->at(t).pelvis;
-    EXPECT_LT(std::hypot(p.x - people[0]->chair->seat.x, p.y - people[0]->chair->seat.y), 0.4);
+    EXPECT_LT(std::hypot(p.x - people[0]->chair()->seat.x, p.y - people[0]->chair()->seat.y), 0.4);
     lowest = std::min(lowest, p.z);
   }
   EXPECT_NEAR(lowest, kSeat_m + 0.05 * people[0]->figure().stature_m, 0.01);
