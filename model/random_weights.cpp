@@ -3,39 +3,14 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <numeric>
 
 #include "model/model.h"
+#include "model/seeded_random.h"
 #include "version.h"
 
 namespace csipose {
 namespace {
-
-/// SplitMix64 (Steele, Lea, Flood 2014). One stream per tensor, so that a tensor's numbers depend on seed and
-/// name only.
-class Random {
- public:
-  Random(std::uint64_t seed, std::string_view name) : state_(seed) {
-    for (const char c : name) state_ = (state_ ^ static_cast<unsigned char>(c)) * 0x100000001b3;  // FNV-1a
-  }
-  /// In [0, 1).
-  double uniform() { return static_cast<double>(next() >> 11) * 0x1p-53; }
-  /// Box-Muller.
-  double normal() {
-    const double radius = std::sqrt(-2 * std::log(1 - uniform()));
-    return radius * std::cos(2 * std::numbers::pi * uniform());
-  }
-
- private:
-  std::uint64_t next() {
-    std::uint64_t z = state_ += 0x9e3779b97f4a7c15;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111eb;
-    return z ^ (z >> 31);
-  }
-  std::uint64_t state_;
-};
 
 bool ends_with(std::string_view text, std::string_view end) {
   return text.size() >= end.size() && text.substr(text.size() - end.size()) == end;
@@ -50,17 +25,17 @@ bool is_last_pose_layer(std::string_view name) {
          (contains(name, "refine_kpt_branches") && contains(name, ".4."));
 }
 
-void fill_normal(std::vector<float>& data, Random& random, double sigma) {
+void fill_normal(std::vector<float>& data, SeededRandom& random, double sigma) {
   for (float& value : data) value = static_cast<float>(sigma * random.normal());
 }
 
 /// Glorot and Bengio 2010; shape is (out, in).
-void fill_xavier(Tensor& tensor, Random& random) {
+void fill_xavier(Tensor& tensor, SeededRandom& random) {
   const double bound = std::sqrt(6.0 / static_cast<double>(tensor.shape[0] + tensor.shape[1]));
   for (float& value : tensor.data) value = static_cast<float>(bound * (2 * random.uniform() - 1));
 }
 
-void fill_bias(std::string_view name, std::vector<float>& data, Random& random, HeadInit heads) {
+void fill_bias(std::string_view name, std::vector<float>& data, SeededRandom& random, HeadInit heads) {
   if (contains(name, "cls_branches"))
     std::fill(data.begin(), data.end(), -std::log(99.f));  // a query is a person once in a hundred
   else if (heads == HeadInit::random)
@@ -72,7 +47,7 @@ Tensor random_tensor(const TensorSpec& spec, std::uint64_t seed, HeadInit heads)
       std::accumulate(spec.shape.begin(), spec.shape.end(), std::size_t{1}, std::multiplies<>());
   Tensor tensor{spec.shape, std::vector<float>(count, 0.f)};
   const std::string_view name = spec.name;
-  Random random(seed, name);
+  SeededRandom random(seed, name);
   const bool zero_layer = is_last_pose_layer(name) || contains(name, "refine_identity");
   if (contains(name, "norm") && ends_with(name, ".weight"))
     std::fill(tensor.data.begin(), tensor.data.end(), 1.f);

@@ -1,0 +1,168 @@
+#include "train/losses.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "model/assignment.h"
+#include "proto/shape.h"
+
+namespace csipose::train {
+namespace {
+
+constexpr double kAlpha = 0.25, kGamma = 2;  // focal loss
+constexpr double kPoseCostDivisor = 28;      // 14 joints in two dimensions, kept from 2-D PETR
+constexpr double kLogGuard = 1e-12;
+constexpr std::int64_t kPoseWidth = 3 * kJoints;
+
+at::Tensor index_tensor(const std::vector<std::int64_t>& values, const at::Tensor& like) {
+  return at::tensor(values, at::kLong).to(like.device());
+}
+
+/// Rows of x (B, n, C) by window and row.
+at::Tensor rows(const at::Tensor& x, const std::vector<std::int64_t>& window,
+                const std::vector<std::int64_t>& row) {
+  return x.index({index_tensor(window, x), index_tensor(row, x)});
+}
+
+double class_divisor(const Matches& matches, const MeanOverProcesses& mean) {
+  return std::max(mean(static_cast<double>(matches.size())), 1.);
+}
+double pose_divisor(const Matches& matches, const MeanOverProcesses& mean) {
+  return std::max(static_cast<double>(kPoseWidth) * mean(static_cast<double>(matches.size())), 1.);
+}
+
+/// For each window the queries to refine, (B, P): the matched ones in the order of matches; short windows repeat query 0.
+/// `slot` takes the place of each match within its window.
+at::Tensor chosen_queries(const Matches& matches, std::int64_t windows, std::vector<std::int64_t>& slot) {
+  std::vector<std::int64_t> used(static_cast<std::size_t>(windows), 0);
+  for (const std::int64_t window : matches.window) slot.push_back(used[static_cast<std::size_t>(window)]++);
+  const std::int64_t most = std::max<std::int64_t>(1, *std::max_element(used.begin(), used.end()));
+  at::Tensor chosen = at::zeros({windows, most}, at::kLong);
+  auto at = chosen.accessor<std::int64_t, 2>();
+  for (std::size_t i = 0; i < matches.size(); ++i) at[matches.window[i]][slot[i]] = matches.query[i];
+  return chosen;
+}
+
+void add_layer(SetLoss& loss, const at::Tensor& cls, const at::Tensor& kpt, const Matches& matches,
+               const People& people, const SetLossWeights& weights, const MeanOverProcesses& mean) {
+  loss.cls = loss.cls + weights.cls * focal_sum(cls, matches) / class_divisor(matches, mean);
+  loss.kpt = loss.kpt + weights.kpt * squared_error_sum(kpt, matches, people) / pose_divisor(matches, mean);
+}
+
+struct RefinedMatches {
+  Refined refined;
+  std::vector<std::int64_t> slot;  ///< of each match, within its window
+};
+RefinedMatches refine_matches(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
+                              const Matches& matches, const Numerics& numerics) {
+  RefinedMatches out;
+  const at::Tensor chosen =
+      chosen_queries(matches, decoded.memory.size(0), out.slot).to(decoded.memory.device());
+  out.refined = refine(parameters, shape, decoded, chosen, numerics);
+  return out;
+}
+
+}  // namespace
+
+at::Tensor matching_cost(const at::Tensor& cls, const at::Tensor& kpt, const at::Tensor& poses,
+                         const SetLossWeights& weights) {
+  const at::Tensor p = at::sigmoid(cls);
+  const at::Tensor is_person = kAlpha * at::pow(1 - p, kGamma) * -at::log(p + kLogGuard);
+  const at::Tensor is_none = (1 - kAlpha) * at::pow(p, kGamma) * -at::log(1 - p + kLogGuard);
+  const at::Tensor distance = (kpt.unsqueeze(2) - poses.unsqueeze(1)).square().sum(-1).sqrt();
+  return weights.cls * (is_person - is_none) + weights.kpt / kPoseCostDivisor * distance;
+}
+
+Matches match(const at::Tensor& cls, const at::Tensor& kpt, const People& people,
+              const SetLossWeights& weights) {
+  Matches matches;
+  if (people.poses.size(1) == 0) return matches;
+  const at::Tensor all =
+      matching_cost(cls.detach(), kpt.detach(), people.poses, weights).to(at::kCPU, at::kDouble).contiguous();
+  const std::int64_t queries = all.size(1), padded = all.size(2);
+  Assignment assignment(static_cast<std::size_t>(queries), static_cast<std::size_t>(padded));
+  std::vector<double> cost;
+  for (std::int64_t b = 0; b < all.size(0); ++b) {
+    const std::int64_t there = people.count[static_cast<std::size_t>(b)];
+    if (there == 0) continue;
+    cost.clear();
+    for (std::int64_t q = 0; q < queries; ++q) {
+      const double* row = all.data_ptr<double>() + (b * queries + q) * padded;
+      cost.insert(cost.end(), row, row + there);
+    }
+    if (!std::all_of(cost.begin(), cost.end(), [](double c) { return std::isfinite(c); }))
+      throw std::runtime_error("the network gives numbers that are not finite");
+    const auto person_of =
+        assignment.solve(cost, static_cast<std::size_t>(queries), static_cast<std::size_t>(there));
+    for (std::size_t q = 0; q < person_of.size(); ++q)
+      if (person_of[q] != kUnassigned) {
+        matches.window.push_back(b);
+        matches.query.push_back(static_cast<std::int64_t>(q));
+        matches.person.push_back(static_cast<std::int64_t>(person_of[q]));
+      }
+  }
+  return matches;
+}
+
+at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches) {
+  at::Tensor wanted = at::zeros(cls.sizes(), cls.options());
+  if (matches.size() > 0)
+    wanted.index_put_({index_tensor(matches.window, cls), index_tensor(matches.query, cls)},
+                      at::ones({1}, cls.options()));
+  const at::Tensor p = at::sigmoid(cls);
+  const at::Tensor off = (1 - p) * wanted + p * (1 - wanted);
+  const at::Tensor weight = (kAlpha * wanted + (1 - kAlpha) * (1 - wanted)) * off.square();
+  return (weight * at::binary_cross_entropy_with_logits(cls, wanted, {}, {}, at::Reduction::None)).sum();
+}
+
+at::Tensor squared_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people) {
+  if (matches.size() == 0) return 0 * kpt.sum();
+  return (rows(kpt, matches.window, matches.query) - rows(people.poses, matches.window, matches.person))
+      .square()
+      .sum();
+}
+
+SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
+                 const People& people, const SetLossWeights& weights, const Numerics& numerics,
+                 const MeanOverProcesses& mean) {
+  SetLoss loss;
+  loss.cls = loss.kpt = loss.refine = at::zeros({}, decoded.memory.options());
+  for (std::size_t i = 0; i < shape.decoder_layers; ++i) {
+    loss.last = match(decoded.cls[i], decoded.kpt[i], people, weights);
+    add_layer(loss, decoded.cls[i], decoded.kpt[i], loss.last, people, weights, mean);
+  }
+  const Matches proposals = match(decoded.enc_cls, decoded.enc_kpt, people, weights);
+  add_layer(loss, decoded.enc_cls, decoded.enc_kpt, proposals, people, weights, mean);
+  const double divisor = pose_divisor(loss.last, mean);
+  if (shape.refine_layers > 0 && loss.last.size() > 0) {
+    const RefinedMatches found = refine_matches(parameters, shape, decoded, loss.last, numerics);
+    const Matches placed{loss.last.window, found.slot, loss.last.person};
+    for (const at::Tensor& pose : found.refined.pose)
+      loss.refine = loss.refine + weights.refine * squared_error_sum(pose, placed, people) / divisor;
+  }
+  loss.total = loss.cls + loss.kpt + loss.refine;
+  return loss;
+}
+
+at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
+                      const People& people, const SetLossWeights& weights, const Numerics& numerics,
+                      const MeanOverProcesses& mean) {
+  const Matches matches = match(decoded.cls.back(), decoded.kpt.back(), people, weights);
+  const double divisor =
+      std::max(1., static_cast<double>(kJoints) * mean(static_cast<double>(matches.size())));
+  const RefinedMatches found = refine_matches(parameters, shape, decoded, matches, numerics);
+  const at::Tensor sigma_m = joint_sigma_m(parameters, found.refined.state.detach());
+  if (matches.size() == 0) return 0 * sigma_m.sum();
+  const at::Tensor off = rows(found.refined.pose.back(), matches.window, found.slot) -
+                         rows(people.poses, matches.window, matches.person);
+  const at::Tensor error_m = off.detach().view({-1, static_cast<std::int64_t>(kJoints), 3}).norm(2, -1);
+  const at::Tensor sigma = rows(sigma_m, matches.window, found.slot);
+  return (at::log(sigma) + error_m / sigma).sum() / divisor;
+}
+
+at::Tensor prediction_loss(const at::Tensor& predicted, const at::Tensor& target) {
+  return at::smooth_l1_loss(predicted, target);
+}
+
+}  // namespace csipose::train

@@ -1,0 +1,68 @@
+// train/losses.h - what training makes small: pre-training's prediction error; fine-tuning's set loss, with the
+// assignment of queries to people behind it.
+//
+// Costs, focal loss and weights follow aiotgroup/Person-in-WiFi-3D-repo (petr_wifi.py). Sizes as in network.h; M is the
+// largest number of people in a window of the batch.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "train/network.h"
+
+namespace csipose::train {
+
+/// Labels of a batch: the first people[b] of poses[b] are there, the rest is padding.
+struct People {
+  at::Tensor poses;  ///< (B, M, 42), metres; M may be 0
+  std::vector<std::int64_t> count;
+};
+
+/// Pairs of query and person, window by window; the three lists have one entry a pair.
+struct Matches {
+  std::vector<std::int64_t> window, query, person;
+  std::size_t size() const { return window.size(); }
+};
+
+struct SetLossWeights {
+  double cls = 4, kpt = 70, refine = 70;
+};
+
+/// Costs (B, Q, M) of giving person m to query q: focal class cost plus 70 |pose - label| / 28.
+at::Tensor matching_cost(const at::Tensor& cls, const at::Tensor& kpt, const at::Tensor& poses,
+                         const SetLossWeights& weights);
+/// The assignment of least cost, window by window, in float64 on the CPU. Throws std::runtime_error when a cost is not
+/// finite.
+Matches match(const at::Tensor& cls, const at::Tensor& kpt, const People& people,
+              const SetLossWeights& weights);
+
+/// Sigmoid focal loss (alpha 0.25, gamma 2) over all queries (B, Q, 1), summed.
+at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches);
+/// Squared error, summed over the matched rows of kpt (B, Q, 42).
+at::Tensor squared_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people);
+
+/// The loss of a batch and its parts, each weighted.
+struct SetLoss {
+  at::Tensor total, cls, kpt, refine;
+  Matches last;  ///< matches of the last decoder layer
+};
+/// How a sum over this process's windows becomes one over all processes', divided by their number: the divisors of the
+/// losses count matched people of the whole batch. The identity when there is one process.
+using MeanOverProcesses = std::function<double(double)>;
+
+/// Losses of every decoder layer, the proposals and the refinement, which corrects the last layer's matches.
+SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
+                 const People& people, const SetLossWeights& weights, const Numerics& numerics,
+                 const MeanOverProcesses& mean);
+
+/// Loss of the sigma head alone: mean of ln sigma + error / sigma over the joints of the last layer's matches (Laplace).
+/// Nothing else learns from it.
+at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
+                      const People& people, const SetLossWeights& weights, const Numerics& numerics,
+                      const MeanOverProcesses& mean);
+
+/// SmoothL1 with beta 1, mean over everything.
+at::Tensor prediction_loss(const at::Tensor& predicted, const at::Tensor& target);
+
+}  // namespace csipose::train
