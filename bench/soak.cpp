@@ -12,9 +12,9 @@
 #include <map>
 #include <optional>
 
-#include "capture/keys.h"
 #include "daemon/stream_client.h"
 #include "model/model.h"
+#include "proto/keys.h"
 #include "tests/capture/made_up_packets.h"
 #include "tests/daemon/program.h"
 

@@ -9,7 +9,7 @@
 #include <cstring>
 #include <utility>
 
-#include "capture/file_descriptor.h"
+#include "proto/file_descriptor.h"
 #include "proto/result.h"
 
 namespace csipose {

@@ -16,8 +16,8 @@
 #include <optional>
 #include <string>
 
-#include "capture/file_descriptor.h"
 #include "proto/bytes.h"
+#include "proto/file_descriptor.h"
 #include "proto/result.h"
 
 namespace csipose {

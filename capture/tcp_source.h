@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "capture/csitool_stream.h"
-#include "capture/file_descriptor.h"
 #include "capture/live_source.h"
-#include "capture/socket_address.h"
+#include "proto/file_descriptor.h"
+#include "proto/socket_address.h"
 
 namespace csipose {
 

@@ -4,10 +4,10 @@
 #include <array>
 #include <vector>
 
-#include "capture/file_descriptor.h"
 #include "capture/live_source.h"
-#include "capture/socket_address.h"
 #include "proto/datagram.h"
+#include "proto/file_descriptor.h"
+#include "proto/socket_address.h"
 
 namespace csipose {
 

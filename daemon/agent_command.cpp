@@ -11,9 +11,9 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "capture/keys.h"
 #include "daemon/terminal.h"
 #include "daemon/tool.h"
+#include "proto/keys.h"
 
 namespace csipose {
 namespace {

@@ -11,7 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "daemon/unix_socket.h"
+#include "proto/unix_socket.h"
 #include "proto/wire.h"
 
 namespace csipose {
@@ -77,7 +77,7 @@ std::string answer_known(const std::string& type, const ControlHandlers& handler
 }
 
 struct Connection {
-  UniqueFd fd;
+  FileDescriptor fd;
   std::string input;
   bool over = false;
 };
@@ -102,7 +102,7 @@ std::string answer_control_request(const std::string& line, const ControlHandler
 
 struct ControlServer::State {
   std::optional<SocketFile> file;
-  UniqueFd listener;
+  FileDescriptor listener;
   ControlHandlers handlers;
   std::vector<Connection> connections;
   std::vector<pollfd> polled;
@@ -118,7 +118,7 @@ ControlServer::ControlServer(const std::string& path, const std::string& group, 
     : state_(std::make_unique<State>()) {
   state_->handlers = std::move(handlers);
   if (inherited_fd >= 0) {
-    state_->listener = UniqueFd(inherited_fd);
+    state_->listener = FileDescriptor(inherited_fd);
   } else {
     state_->listener = listen_unix(path, group);
     state_->file.emplace(path);
@@ -147,7 +147,8 @@ void ControlServer::State::wait(Nanoseconds timeout, int wake_fd) {
 }
 
 void ControlServer::State::accept_all() {
-  while (UniqueFd fd = UniqueFd(accept4(listener.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK))) {
+  while (FileDescriptor fd =
+             FileDescriptor(accept4(listener.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK))) {
     if (connections.size() == kMaxConnections)
       connections.erase(connections.begin());  // the oldest has had its time
     connections.push_back({std::move(fd), {}, false});
@@ -197,7 +198,7 @@ std::string read_line(int fd) {
 }  // namespace
 
 std::string ask_daemon(const std::string& control_socket, const std::string& type) {
-  const UniqueFd fd = connect_unix(control_socket);
+  const FileDescriptor fd = connect_unix(control_socket);
   const std::string request = line_of({{"type", type}});
   send(fd.get(), request.data(), request.size(), MSG_NOSIGNAL);
   const std::string line = read_line(fd.get());

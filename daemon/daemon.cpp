@@ -11,7 +11,6 @@
 #include <cstring>
 #include <filesystem>
 
-#include "capture/file_descriptor.h"
 #include "daemon/control.h"
 #include "daemon/loop_thread.h"
 #include "daemon/metrics.h"
@@ -20,6 +19,7 @@
 #include "daemon/settings.h"
 #include "daemon/source_thread.h"
 #include "daemon/status_report.h"
+#include "proto/file_descriptor.h"
 #include "version.h"
 
 namespace csipose {

@@ -14,9 +14,9 @@
 #include <memory>
 #include <thread>
 
-#include "capture/keys.h"
 #include "daemon/child_process.h"
 #include "daemon/tool.h"
+#include "proto/keys.h"
 
 namespace csipose {
 namespace {

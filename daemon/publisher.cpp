@@ -18,7 +18,7 @@
 #include <thread>
 
 #include "daemon/spsc_ring.h"
-#include "daemon/unix_socket.h"
+#include "proto/unix_socket.h"
 
 namespace csipose {
 namespace {
@@ -65,7 +65,7 @@ class LossLog {
 };
 
 struct Client {
-  UniqueFd fd;
+  FileDescriptor fd;
   ClientSession session;
   std::uint64_t number;
   PeerCredentials peer;
@@ -99,7 +99,7 @@ struct Publisher::State {
   void take_mail();
   void take_status(Status status);
   void accept_clients();
-  void accept_one(UniqueFd fd);
+  void accept_one(FileDescriptor fd);
   void read_from_clients();
   void read_from(Client& client);
   void distribute_frames();
@@ -116,7 +116,7 @@ struct Publisher::State {
   PublisherConfig config;
   PublisherLog log;
   std::optional<SocketFile> socket_file;
-  UniqueFd listener, wake;
+  FileDescriptor listener, wake;
   SpscRing<PoseFrame> ring;
   std::atomic<std::uint64_t> ring_dropped{0};
   std::atomic<int> subscribers{0};
@@ -141,12 +141,12 @@ struct Publisher::State {
 Publisher::State::State(const PublisherConfig& given, PublisherLog sink)
     : config(given), log(std::move(sink)), ring(given.ring_frames), frames(given.receiver_ids) {
   if (config.inherited_fd >= 0) {
-    listener = UniqueFd(config.inherited_fd);
+    listener = FileDescriptor(config.inherited_fd);
   } else {
     listener = listen_unix(config.socket_path, config.group);
     socket_file.emplace(config.socket_path);
   }
-  wake = UniqueFd(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  wake = FileDescriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
   if (!wake)
     throw SetupError(ExitStatus::os_refusal,
                      fmt::format("No eventfd can be made: {}.", std::strerror(errno)));
@@ -224,7 +224,7 @@ void Publisher::State::take_status(Status status) {
 
 void Publisher::State::accept_clients() {
   while (!finishing) {
-    UniqueFd fd(accept4(listener.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
+    FileDescriptor fd(accept4(listener.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
     if (fd) {
       accept_one(std::move(fd));
     } else if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS) {
@@ -236,7 +236,7 @@ void Publisher::State::accept_clients() {
   }
 }
 
-void Publisher::State::accept_one(UniqueFd fd) {
+void Publisher::State::accept_one(FileDescriptor fd) {
   if (clients.size() >= static_cast<std::size_t>(config.max_clients)) {
     const std::string refusal = encode(
         Format::json, WireError{"too_many_clients", fmt::format("{} clients are connected.", clients.size()),

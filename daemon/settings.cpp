@@ -6,12 +6,12 @@
 #include <algorithm>
 #include <fstream>
 
-#include "capture/keys.h"
 #include "capture/live_source.h"
 #include "capture/netlink_source.h"
 #include "capture/replay.h"
 #include "capture/tcp_source.h"
 #include "capture/udp_source.h"
+#include "proto/keys.h"
 #include "proto/result.h"
 #include "version.h"
 

@@ -5,8 +5,8 @@
 #include <optional>
 #include <string>
 
-#include "daemon/unix_socket.h"
 #include "proto/time.h"
+#include "proto/unix_socket.h"
 #include "proto/wire.h"
 
 namespace csipose {
@@ -38,7 +38,7 @@ class StreamClient {
   StreamEvent next_raw(Format format, Nanoseconds timeout);
   void send_bytes(const std::string& bytes);
 
-  UniqueFd fd_;
+  FileDescriptor fd_;
   Format format_;
   std::string input_;
   std::size_t used_ = 0;

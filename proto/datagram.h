@@ -15,7 +15,7 @@
 // random nonces; DATA and ACK use agent | session | counter | zeros, which never repeats under a session's
 // key. No answer is larger than its question, and nothing unauthenticated is answered at all.
 //
-// Not here: key files (capture/keys.h), sockets (capture/udp_source.h, capture/agent/).
+// Not here: key files (keys.h), sockets (sealed_sender.h, capture/udp_source.h).
 // C++17-clean: the receiver's agent is built on old machines.
 #pragma once
 

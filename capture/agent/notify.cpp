@@ -8,7 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 
-#include "capture/file_descriptor.h"
+#include "proto/file_descriptor.h"
 
 namespace csipose {
 

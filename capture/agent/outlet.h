@@ -31,8 +31,4 @@ class Outlet {
 std::unique_ptr<Outlet> open_sealed_outlet(const AgentKey& key, const std::string& host_and_port);
 std::unique_ptr<Outlet> open_csitool_outlet(const std::string& host_and_port);
 
-/// The part of a packet's records that a datagram can carry: all, or the CSI without its frame, or nothing.
-/// Adds what was left out to `omitted`.
-ByteView fit_datagram(ByteView records, std::uint32_t& omitted);
-
 }  // namespace csipose

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "daemon/unix_socket.h"
+#include "proto/unix_socket.h"
 #include "tests/daemon/pose_frames.h"
 #include "tests/daemon/scratch_folder.h"
 
@@ -84,10 +84,10 @@ TEST(ControlServer, OutlivesGarbageAndTheSilent) {
   testing::ScratchFolder folder;
   const std::string path = folder / "control.sock";
   const Served served(path);
-  std::vector<UniqueFd> silent;
+  std::vector<FileDescriptor> silent;
   for (int i = 0; i < 40; ++i) silent.push_back(connect_unix(path));
   const std::string garbage(50000, 'x');
-  for (const UniqueFd& fd : silent)
+  for (const FileDescriptor& fd : silent)
     send(fd.get(), garbage.data(), garbage.size(), MSG_NOSIGNAL | MSG_DONTWAIT);
   EXPECT_EQ(json::parse(ask_daemon(path, "reload"))["type"], "reload");
 }
@@ -97,7 +97,7 @@ TEST(ControlServer, ComesBackWhenWoken) {
   ControlServer server(folder / "control.sock", "", -1, some_handlers());
   std::array<int, 2> pair;
   ASSERT_EQ(socketpair(AF_UNIX, SOCK_STREAM, 0, pair.data()), 0);
-  const UniqueFd here(pair[0]), there(pair[1]);
+  const FileDescriptor here(pair[0]), there(pair[1]);
   ASSERT_EQ(send(there.get(), "x", 1, 0), 1);
   server.serve(std::chrono::hours(1), here.get());  // an hour would be noticed
 }

@@ -5,7 +5,7 @@
 #include <map>
 #include <mutex>
 
-#include "capture/socket_address.h"
+#include "proto/socket_address.h"
 #include "tests/daemon/daemon_fixture.h"
 
 namespace csipose::testing {

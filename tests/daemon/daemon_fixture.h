@@ -6,9 +6,9 @@
 
 #include <memory>
 
-#include "capture/keys.h"
 #include "daemon/stream_client.h"
 #include "model/model.h"
+#include "proto/keys.h"
 #include "tests/capture/made_up_packets.h"
 #include "tests/daemon/program.h"
 #include "tests/shared_data.h"

@@ -110,7 +110,7 @@ TEST(Publisher, BadClientsDoNotDisturbTheGoodOne) {
   PublisherConfig config = config_in(folder);
   config.limits.queue_frames = 4;
   Publisher publisher(config, silent());
-  const UniqueFd stranger = connect_unix(config.socket_path), mute = connect_unix(config.socket_path);
+  const FileDescriptor stranger = connect_unix(config.socket_path), mute = connect_unix(config.socket_path);
   StreamClient sleeper(config.socket_path, Format::json), good(config.socket_path, Format::protobuf);
   sleeper.subscribe(poses());
   good.subscribe(poses());
@@ -355,7 +355,7 @@ TEST(Publisher, ASecondDaemonAtOneSocketIsRefusedAndAStaleSocketReplaced) {
     const Publisher first(config, silent());
     EXPECT_THROW(Publisher(config, silent()), SetupError);
   }
-  { const UniqueFd stale = listen_unix(config.socket_path, ""); }  // its file stays behind
+  { const FileDescriptor stale = listen_unix(config.socket_path, ""); }  // its file stays behind
   EXPECT_TRUE(std::filesystem::exists(config.socket_path));
   const Publisher after(config, silent());
   EXPECT_EQ(StreamClient(config.socket_path, Format::json).hello().name, "test");
@@ -366,7 +366,7 @@ TEST(Publisher, WhoeverSeesTheSocketCanConnect) {
   testing::ScratchFolder folder;
   for (int round = 0; round < 200; ++round) {
     const std::string path = folder / ("s" + std::to_string(round));
-    UniqueFd listener;
+    FileDescriptor listener;
     std::thread daemon([&] { listener = listen_unix(path, ""); });
     while (!std::filesystem::exists(path)) std::this_thread::yield();
     EXPECT_NO_THROW(connect_unix(path));

@@ -1,4 +1,4 @@
-#include "capture/keys.h"
+#include "proto/keys.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto key = csipose::parse_agent_key({data, size});

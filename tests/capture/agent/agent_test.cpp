@@ -8,10 +8,11 @@
 #include <set>
 
 #include "capture/agent/outlet.h"
-#include "capture/keys.h"
 #include "capture/tcp_source.h"
 #include "capture/udp_source.h"
+#include "proto/keys.h"
 #include "proto/result.h"
+#include "proto/sealed_sender.h"
 #include "tests/capture/dat_maker.h"
 
 namespace csipose {

@@ -1,4 +1,4 @@
-#include "capture/keys.h"
+#include "proto/keys.h"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>

@@ -1,4 +1,4 @@
-// capture/socket_address.h - "127.0.0.1:8481", "[::1]:8481", "pi.lan:8481" as the system's socket functions
+// proto/socket_address.h - "127.0.0.1:8481", "[::1]:8481", "pi.lan:8481" as the system's socket functions
 // want them. C++17-clean.
 #pragma once
 

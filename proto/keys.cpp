@@ -1,4 +1,4 @@
-#include "capture/keys.h"
+#include "proto/keys.h"
 
 #include <fcntl.h>
 #include <sodium.h>
@@ -10,7 +10,7 @@
 #include <iterator>
 #include <vector>
 
-#include "capture/file_descriptor.h"
+#include "proto/file_descriptor.h"
 
 namespace csipose {
 namespace {

@@ -1,4 +1,4 @@
-#include "daemon/unix_socket.h"
+#include "proto/unix_socket.h"
 
 #include <fmt/format.h>
 #include <grp.h>
@@ -25,14 +25,14 @@ sockaddr_un address_of(const std::string& path) {
   if (path.empty() || path.size() >= sizeof address.sun_path)
     throw SetupError(ExitStatus::bad_config,
                      fmt::format("The socket path '{}' has {} bytes; a Unix socket's may have 1 to {}. "
-                                 "Choose a shorter daemon.run_dir.",
+                                 "Choose a shorter path (daemon.run_dir for csiposed).",
                                  path, path.size(), sizeof address.sun_path - 1));
   path.copy(address.sun_path, path.size());
   return address;
 }
 
-UniqueFd stream_socket(int flags) {
-  UniqueFd fd(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | flags, 0));
+FileDescriptor stream_socket(int flags) {
+  FileDescriptor fd(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | flags, 0));
   if (!fd)
     throw SetupError(ExitStatus::os_refusal,
                      fmt::format("No Unix socket can be made: {}.", std::strerror(errno)));
@@ -50,14 +50,14 @@ void check_free(const std::string& path) {
   const auto status = std::filesystem::symlink_status(path, error);
   if (!std::filesystem::exists(status)) return;
   if (!std::filesystem::is_socket(status))
-    throw SetupError(
-        ExitStatus::cannot_create,
-        fmt::format("{} is there and is no socket. Move it away, or choose another daemon.run_dir.", path));
+    throw SetupError(ExitStatus::cannot_create,
+                     fmt::format("{} is there and is no socket. Move it away, or choose another path "
+                                 "(daemon.run_dir for csiposed).",
+                                 path));
   if (connect_to(stream_socket(SOCK_NONBLOCK).get(), path) == 0 || errno == EAGAIN)
-    throw SetupError(
-        ExitStatus::try_again,
-        fmt::format("Another program listens at {} already. Stop it, or choose another daemon.run_dir.",
-                    path));
+    throw SetupError(ExitStatus::try_again, fmt::format("Another program listens at {} already. Stop it, or "
+                                                        "choose another path (daemon.run_dir for csiposed).",
+                                                        path));
 }
 
 void give_to_group(const std::string& path, const std::string& group) {
@@ -74,10 +74,10 @@ void give_to_group(const std::string& path, const std::string& group) {
                     group, std::strerror(errno)));
 }
 
-std::string why_not_connected(const std::string& path, int error) {
+std::string why_not_connected(const std::string& path, const std::string& who, int error) {
   if (error == ENOENT)
-    return fmt::format("There is no {}: the daemon is not running, or listens elsewhere.", path);
-  if (error == ECONNREFUSED) return fmt::format("Nobody listens at {}: the daemon has ended.", path);
+    return fmt::format("There is no {}: {} is not running, or listens elsewhere.", path, who);
+  if (error == ECONNREFUSED) return fmt::format("Nobody listens at {}: {} has ended.", path, who);
   if (error == EACCES)
     return fmt::format("You have no right to {}: it is for members of its group (ls -l shows which).", path);
   return fmt::format("{} cannot be connected: {}.", path, std::strerror(error));
@@ -85,28 +85,19 @@ std::string why_not_connected(const std::string& path, int error) {
 
 }  // namespace
 
-UniqueFd::~UniqueFd() {
-  if (fd_ >= 0) close(fd_);
-}
-UniqueFd& UniqueFd::operator=(UniqueFd&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  return *this;
-}
-
-UniqueFd listen_unix(const std::string& path, const std::string& group) {
+FileDescriptor listen_unix(const std::string& path, const std::string& group) {
   check_free(path);
   // Made under another name and moved when it listens: whoever finds the file can connect.
   const std::string fresh = path + ".new";
   const sockaddr_un address = address_of(fresh);
   unlink(fresh.c_str());
-  UniqueFd fd = stream_socket(SOCK_NONBLOCK);
+  FileDescriptor fd = stream_socket(SOCK_NONBLOCK);
   fchmod(fd.get(), kSocketMode);  // before bind: there is no moment in which the file has another mode
   if (bind(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
-    throw SetupError(
-        errno == EACCES ? ExitStatus::no_permission : ExitStatus::cannot_create,
-        fmt::format(
-            "The socket {} cannot be made: {}. Its folder must be there and writable (daemon.run_dir).", path,
-            std::strerror(errno)));
+    throw SetupError(errno == EACCES ? ExitStatus::no_permission : ExitStatus::cannot_create,
+                     fmt::format("The socket {} cannot be made: {}. Its folder must be there and writable "
+                                 "(daemon.run_dir for csiposed).",
+                                 path, std::strerror(errno)));
   const SocketFile remains(fresh);    // nothing, once it has been moved
   chmod(fresh.c_str(), kSocketMode);  // a umask has taken the group's bits
   give_to_group(fresh, group);
@@ -116,12 +107,12 @@ UniqueFd listen_unix(const std::string& path, const std::string& group) {
   return fd;
 }
 
-UniqueFd connect_unix(const std::string& path) {
-  UniqueFd fd = stream_socket(0);
+FileDescriptor connect_unix(const std::string& path, const UnixServer& server) {
+  FileDescriptor fd = stream_socket(0);
   if (connect_to(fd.get(), path) != 0) {
     const int error = errno;
     throw SetupError(error == EACCES ? ExitStatus::no_permission : ExitStatus::unavailable,
-                     why_not_connected(path, error) + " Start csiposed, or name its socket with --socket.");
+                     why_not_connected(path, server.who, error) + ' ' + server.remedy);
   }
   return fd;
 }

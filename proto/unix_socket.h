@@ -1,36 +1,26 @@
-// daemon/unix_socket.h - Unix stream sockets: listening, connecting, and what the kernel tells of the other
+// proto/unix_socket.h - Unix stream sockets: listening, connecting, and what the kernel tells of the other
 // side.
 #pragma once
 
 #include <sys/types.h>
 
 #include <string>
-#include <utility>
+
+#include "proto/file_descriptor.h"
 
 namespace csipose {
-
-/// Owns one file descriptor.
-class UniqueFd {
- public:
-  UniqueFd() = default;
-  explicit UniqueFd(int fd) : fd_(fd) {}
-  ~UniqueFd();
-  UniqueFd(UniqueFd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  UniqueFd& operator=(UniqueFd&& other) noexcept;
-  int get() const { return fd_; }
-  explicit operator bool() const { return fd_ >= 0; }
-
- private:
-  int fd_ = -1;
-};
 
 /// A listening socket at `path`, mode 0660, of `group` when that is not empty; not blocking. A socket file
 /// that nobody listens at is replaced. Throws SetupError: somebody listens there already, no such folder, no
 /// right, no such group.
-UniqueFd listen_unix(const std::string& path, const std::string& group);
+FileDescriptor listen_unix(const std::string& path, const std::string& group);
 
-/// A connected socket; blocking. Throws SetupError with words for the person who started a tool.
-UniqueFd connect_unix(const std::string& path);
+/// Who should listen at a socket, in words for the person who started a tool, and what to do when nobody does.
+struct UnixServer {
+  std::string who = "the daemon", remedy = "Start csiposed, or name its socket with --socket.";
+};
+/// A connected socket; blocking. Throws SetupError.
+FileDescriptor connect_unix(const std::string& path, const UnixServer& server = {});
 
 /// A socket file that goes when the listener goes.
 class SocketFile {

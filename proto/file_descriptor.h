@@ -1,4 +1,4 @@
-// capture/file_descriptor.h - closes what it owns. C++17-clean.
+// proto/file_descriptor.h - closes what it owns. C++17-clean.
 #pragma once
 
 #include <unistd.h>

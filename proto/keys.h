@@ -1,4 +1,4 @@
-// capture/keys.h - the file that holds a receiver's key.
+// proto/keys.h - the file that holds a receiver's key.
 //
 // One line of text, mode 0400, the same file on the receiver's host and beside the daemon:
 //     csipose-key 1 live rx1 <64 hexadecimal digits>

@@ -1,4 +1,4 @@
-#include "capture/socket_address.h"
+#include "proto/socket_address.h"
 
 #include <arpa/inet.h>
 #include <netdb.h>
