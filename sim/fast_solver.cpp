@@ -9,6 +9,7 @@
 
 #include "sim/fast_optics.h"
 #include "sim/pairs.h"
+#include "sim/reference_solver.h"
 
 namespace csipose::sim {
 namespace {
@@ -58,10 +59,10 @@ class KeySnapshots {
   std::vector<Blend> blends_;
 };
 
-/// Legs of all wall paths to all antennas, as rows and as the kernels' columns.
+/// Legs of all static paths to all antennas, as rows and as the kernels' columns.
 struct LegTable {
   std::vector<LegRow> rows;
-  std::vector<std::uint32_t> path;  ///< of each row: antenna * paths + path
+  std::vector<std::uint32_t> path;  ///< of each row
   std::array<std::vector<float>, 9> columns;
 
   void add(const Leg& leg, std::uint32_t path_index) {
@@ -133,7 +134,7 @@ class FastSolver::Impl {
   using Snapshots = std::span<const std::vector<Body>>;
   using Factor = std::complex<float>;
 
-  void add_wall_row(std::uint32_t path_index, std::size_t antenna, const WallPath& way);
+  void add_static_row(std::size_t antenna, const Path& path);
   ToneSum* sum_at(std::size_t t, std::size_t antenna) {
     return &sums_[(t * antennas_.size() + antenna) * blocks_];
   }
@@ -154,12 +155,14 @@ class FastSolver::Impl {
   double lambda_m_;
   FastOptics optics_;
   std::vector<Antenna> antennas_, middles_;  ///< receiver by receiver; and each receiver's middle
-  std::size_t per_receiver_, blocks_, paths_ = 0;
+  std::size_t per_receiver_, blocks_;
   std::vector<float> offsets_hz_;
   std::vector<Pair> pairs_;
   LegTable legs_;
-  std::vector<ToneSum> rows_;        ///< [antenna][path][block]
+  std::vector<ToneSum> rows_;  ///< [static path][block]; antenna by antenna
+  std::vector<std::size_t> antenna_of_row_;
   std::vector<ToneSum> static_sum_;  ///< [antenna][block]
+  std::vector<BodyRow> furniture_rows_;
   std::vector<FresnelTable> wall_tables_;
   std::vector<std::pair<Surface, FresnelTable>> body_tables_;
 
@@ -197,36 +200,29 @@ FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
     middles_.push_back(receiver[0]);
     middles_.back().position = (receiver.front().position + receiver.back().position) / 2.0;
   }
-  for (std::size_t a = 0; a < antennas_.size(); ++a) {
-    const auto ways = wall_paths(scene.room, scene.transmitter.position, antennas_[a].position,
-                                 scene.walls ? scene.wall_order : 0);
-    paths_ = ways.size();
-    if (a == 0)
-      rows_.resize(antennas_.size() * paths_ * blocks_), static_sum_.resize(antennas_.size() * blocks_);
-    for (std::size_t p = 0; p < paths_; ++p)
-      add_wall_row(static_cast<std::uint32_t>(a * paths_ + p), a, ways[p]);
-  }
+  for (const Body& body : scene.furniture) furniture_rows_.push_back(body_row(body));
+  static_sum_.resize(antennas_.size() * blocks_);
+  for (std::size_t a = 0; a < antennas_.size(); ++a)
+    for (const Path& path : reference_paths(scene_, antennas_[a], 0)) add_static_row(a, path);
   legs_.pad();
 }
 
-void FastSolver::Impl::add_wall_row(std::uint32_t path_index, std::size_t antenna, const WallPath& way) {
-  const std::complex<double> amplitude = lambda_m_ / (4 * kPi) / way.length_m *
-                                         field_gain(scene_.transmitter, antennas_[antenna], way.points,
-                                                    bounces_of(scene_.room, way.walls), lambda_m_);
+/// Walls and furniture alone: F, their shadows on each other, stays as it is.
+void FastSolver::Impl::add_static_row(std::size_t antenna, const Path& path) {
+  const std::complex<double> amplitude = path.amplitude * path.shadow;
+  const std::size_t row_index = antenna_of_row_.size();
+  antenna_of_row_.push_back(antenna);
+  rows_.resize(rows_.size() + blocks_);
   for (std::size_t k = 0; k < scene_.tones.size(); ++k) {
     const double hz = scene_.carrier_hz + scene_.tones[k] * kToneSpacing_hz;
     const auto h =
-        amplitude * std::polar(1.0, -2 * kPi * std::fmod(hz / kSpeedOfLight_m_s * way.length_m, 1.0));
+        amplitude * std::polar(1.0, -2 * kPi * std::fmod(hz / kSpeedOfLight_m_s * path.length_m, 1.0));
     const std::size_t block = k / kTonesPerSum, lane = k % kTonesPerSum;
-    ToneSum &row = rows_[path_index * blocks_ + block], &total = static_sum_[antenna * blocks_ + block];
+    ToneSum &row = rows_[row_index * blocks_ + block], &total = static_sum_[antenna * blocks_ + block];
     row.re[lane] = f(h.real()), row.im[lane] = f(h.imag());
     total.re[lane] += row.re[lane], total.im[lane] += row.im[lane];
   }
-  double before_m = 0;
-  for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-    legs_.add({way.points[i], way.points[i + 1], before_m, way.length_m}, path_index);
-    before_m += glm::distance(way.points[i], way.points[i + 1]);
-  }
+  for (const Leg& leg : path.legs) legs_.add(leg, static_cast<std::uint32_t>(row_index));
 }
 
 const FresnelTable& FastSolver::Impl::table_of(const Surface& surface) {
@@ -249,7 +245,7 @@ void FastSolver::Impl::solve(Snapshots bodies, std::span<std::complex<float>> ou
 }
 
 void FastSolver::Impl::compute_shadows(Snapshots bodies, const KeySnapshots& keys) {
-  const std::size_t all = antennas_.size() * paths_, key_count = keys.keys().size();
+  const std::size_t all = antenna_of_row_.size(), key_count = keys.keys().size();
   factors_.assign(all * key_count, 1.0f);
   shadowed_.assign(all, 0);
   near_.resize(legs_.columns[0].size() + 16);
@@ -280,7 +276,7 @@ void FastSolver::Impl::apply_shadows(std::size_t snapshots, const KeySnapshots& 
       Factor change = -1.0f;
       for (std::size_t i = 0; i < blend.count; ++i)
         change += blend.weight[i] * factors_[path * key_count + blend.first + i];
-      ToneSum* sum = sum_at(t, path / paths_);
+      ToneSum* sum = sum_at(t, antenna_of_row_[path]);
       for (std::size_t b = 0; b < blocks_; ++b)
         kernels_.add_scaled(sum[b], change.real(), change.imag(), rows_[path * blocks_ + b]);
     }
@@ -290,6 +286,7 @@ void FastSolver::Impl::apply_shadows(std::size_t snapshots, const KeySnapshots& 
 void FastSolver::Impl::add_bodies(const std::vector<Body>& bodies, std::size_t t) {
   body_rows_.clear();
   for (const Body& body : bodies) body_rows_.push_back(body_row(body));
+  body_rows_.insert(body_rows_.end(), furniture_rows_.begin(), furniture_rows_.end());
   balls_.emplace(body_rows_);
   pending_.clear();
   pending_legs_.clear();

@@ -1,7 +1,8 @@
 // sim/fast_solver.h - the channel of a scene, fast: what data sets and the live feed are made with.
 //
 // The same physics as the reference solver, within 1 % of its rms (3 % of what moves). What makes it fast:
-//   - paths by walls only are static: each is one row of tones, made once; a snapshot adds (F - 1) times the shadowed rows
+//   - paths by walls and furniture only are static: each is one row of tones, made once, exactly; a snapshot adds (F - 1)
+//     times the shadowed rows
 //   - shadows of these paths are computed at every second snapshot and cubically interpolated in time
 //   - reflections by bodies are solved at the middle of each array and carried to its antennas along the ray
 //   - reflection coefficients come from tables over the angle

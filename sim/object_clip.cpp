@@ -7,7 +7,7 @@
 namespace csipose::sim {
 namespace {
 constexpr double kPi = std::numbers::pi;
-constexpr double kOffWall_m = 0.1, kDeviceDistance_m = 1.0, kDeviceClearance_m = 0.3, kFastest_m_s = 3;
+constexpr double kDeviceClearance_m = 0.3, kFastest_m_s = 3;
 constexpr int kTries = 200, kShrinkEvery = 50;
 
 const Material* pick(CounterRng& rng, std::initializer_list<const char*> names) {
@@ -27,30 +27,9 @@ glm::dquat draw_rotation(CounterRng& rng) {
                     q * std::sin(2 * kPi * c));
 }
 
-DevicePlace draw_device(CounterRng& rng, const Vec3& room_m, const std::vector<Vec3>& placed) {
-  DevicePlace device;
-  for (int attempt = 0; attempt < kTries; ++attempt) {
-    device.wall = rng.index(4);
-    const double along = rng.uniform(0.15, 0.85), z = rng.uniform(0.5, 2.0);
-    const bool on_x = device.wall < 2, far = device.wall % 2 == 1;
-    const double off = far ? (on_x ? room_m.x : room_m.y) - kOffWall_m : kOffWall_m;
-    device.position = on_x ? Vec3{off, along * room_m.y, z} : Vec3{along * room_m.x, off, z};
-    const bool crowded = std::any_of(placed.begin(), placed.end(), [&](const Vec3& p) {
-      return glm::distance(p, device.position) < kDeviceDistance_m;
-    });
-    if (!crowded) break;
-  }
-  return device;
-}
-
-std::array<Vec3, kReceivers + 1> device_positions(const ObjectClip& clip) {
-  return {clip.transmitter.position, clip.receivers[0].position, clip.receivers[1].position,
-          clip.receivers[2].position};
-}
-
 bool fits(const ObjectClip& clip, const FlyingObject& object) {
-  for (const Vec3& device : device_positions(clip))
-    if (glm::distance(device, object.position) < object.radius_m + kDeviceClearance_m) return false;
+  for (const DevicePlace& device : clip.devices)
+    if (glm::distance(device.position, object.position) < object.radius_m + kDeviceClearance_m) return false;
   for (const FlyingObject& other : clip.objects)
     if (glm::distance(other.position, object.position) < object.radius_m + other.radius_m + 0.02)
       return false;
@@ -131,10 +110,6 @@ void turn(FlyingObject& object, double dt_s) {
   object.rotation = glm::normalize(glm::angleAxis(rate * dt_s, object.spin_rad_s / rate) * object.rotation);
 }
 
-Surface wall_of(const Material& material, double carrier_hz) {
-  return {material.permittivity(carrier_hz), material.slab_m};
-}
-
 }  // namespace
 
 Body FlyingObject::body(const Surface& surface) const {
@@ -163,7 +138,7 @@ void ObjectClip::step(double dt_s) {
   for (FlyingObject& object : objects) {
     object.position += dt_s * object.velocity_m_s;
     bounce_off_walls(object, room_m);
-    for (const Vec3& device : device_positions(*this)) bounce_off_device(object, device);
+    for (const DevicePlace& device : devices) bounce_off_device(object, device.position);
   }
   for (std::size_t i = 0; i < objects.size(); ++i)
     for (std::size_t j = i + 1; j < objects.size(); ++j) collide(objects[i], objects[j]);
@@ -171,21 +146,6 @@ void ObjectClip::step(double dt_s) {
     limit_speed(object);
     turn(object, dt_s);
   }
-}
-
-Scene ObjectClip::scene() const {
-  Scene scene;
-  scene.room.size_m = room_m;
-  for (std::size_t w = 0; w < kWalls; ++w) scene.room.walls[w] = wall_of(*walls[w], scene.carrier_hz);
-  scene.transmitter.position = transmitter.position;
-  scene.tones = intel5300_tones();
-  for (const DevicePlace& place : receivers) {
-    const AntennaArray array{place.position, place.wall < 2 ? Vec3{0, 1, 0} : Vec3{1, 0, 0},
-                             scene.wavelength_m() / 2};
-    scene.receivers.emplace_back();
-    for (std::size_t a = 0; a < kAntennas; ++a) scene.receivers.back().push_back({array.element(a)});
-  }
-  return scene;
 }
 
 ObjectClip sample_object_clip(std::uint64_t seed, std::uint32_t clip_number) {
@@ -197,18 +157,8 @@ ObjectClip sample_object_clip(std::uint64_t seed, std::uint32_t clip_number) {
   clip.room_m.x = room.uniform(3, 8);
   clip.room_m.y = room.uniform(3, 8);
   clip.room_m.z = room.uniform(2.5, 4);
-  CounterRng materials = stream(Purpose::materials, 0);
-  for (const Material*& wall : clip.walls)
-    wall = pick(materials, {"concrete", "plasterboard", "wood", "glass"});
-
-  CounterRng antennas = stream(Purpose::antennas, 0);
-  std::vector<Vec3> placed;
-  clip.transmitter = draw_device(antennas, clip.room_m, placed);
-  placed.push_back(clip.transmitter.position);
-  for (DevicePlace& receiver : clip.receivers) {
-    receiver = draw_device(antennas, clip.room_m, placed);
-    placed.push_back(receiver.position);
-  }
+  clip.walls = draw_walls(seed, clip_number);
+  clip.devices = draw_devices(seed, clip_number, clip.room_m);
 
   const std::uint32_t count = 1 + stream(Purpose::objects, 0).index(4);
   for (std::uint32_t j = 0; j < count; ++j) {
@@ -224,7 +174,9 @@ namespace {
 class ObjectScene final : public MovingScene {
  public:
   ObjectScene(std::uint64_t seed, std::uint32_t clip, double rate_hz)
-      : clip_(sample_object_clip(seed, clip)), still_(clip_.scene()), step_s_(1 / rate_hz) {
+      : clip_(sample_object_clip(seed, clip)),
+        still_(random_room(clip_.room_m, clip_.walls, clip_.devices)),
+        step_s_(1 / rate_hz) {
     for (const FlyingObject& object : clip_.objects)
       surfaces_.push_back({object.material->permittivity(still_.carrier_hz), 0});
   }

@@ -10,6 +10,7 @@
 #include "sim/counter_rng.h"
 #include "sim/material.h"
 #include "sim/moving_scene.h"
+#include "sim/random_room.h"
 
 namespace csipose::sim {
 
@@ -27,22 +28,14 @@ struct FlyingObject {
   Body body(const Surface& surface) const;
 };
 
-struct DevicePlace {
-  std::uint32_t wall = 0;  ///< x0, x1, y0, y1
-  Vec3 position{};
-};
-
 struct ObjectClip {
   Vec3 room_m{};
-  std::array<const Material*, kWalls> walls{};
-  DevicePlace transmitter;
-  std::array<DevicePlace, kReceivers> receivers;
+  WallMaterials walls{};
+  std::array<DevicePlace, kReceivers + 1> devices;  ///< transmitter, receivers
   std::vector<FlyingObject> objects;
 
   /// Objects fly on for dt: walls and devices turn them back, they collide elastically, none exceeds 3 m/s.
   void step(double dt_s);
-  /// Room, devices and antennas, without bodies.
-  Scene scene() const;
 };
 
 ObjectClip sample_object_clip(std::uint64_t seed, std::uint32_t clip);

@@ -36,8 +36,8 @@ void add_wall_paths(const Scene& scene, const std::vector<Body>& bodies, const A
         field_gain(scene.transmitter, rx, way.points, bounces_of(scene.room, way.walls), lambda_m);
     double before_m = 0;
     for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-      path.shadow *=
-          shadow_of(bodies, {way.points[i], way.points[i + 1], before_m, way.length_m}, -1, lambda_m);
+      path.legs.push_back({way.points[i], way.points[i + 1], before_m, way.length_m});
+      path.shadow *= shadow_of(bodies, path.legs.back(), -1, lambda_m);
       before_m += glm::distance(way.points[i], way.points[i + 1]);
     }
     out.push_back(path);
@@ -57,8 +57,10 @@ Path body_path(const Scene& scene, const std::vector<Body>& bodies, int own, con
                                 return (i == way.body_bounce ? surface : scene.room.walls[way.wall_of(i)])
                                     .reflection(cosine, lambda_m);
                               });
-  for (std::size_t i = 0; i < way.legs; ++i)
-    path.shadow *= shadow_of(bodies, way.leg(i, r), way.touches_body(i) ? own : -1, lambda_m);
+  for (std::size_t i = 0; i < way.legs; ++i) {
+    path.legs.push_back(way.leg(i, r));
+    path.shadow *= shadow_of(bodies, path.legs.back(), way.touches_body(i) ? own : -1, lambda_m);
+  }
   path.body = own;
   path.face = r.face;
   if (pair.before) path.wall_before = static_cast<int>(*pair.before);
@@ -86,6 +88,7 @@ std::vector<double> intel5300_tones(bool is_40mhz) {
 std::vector<Path> reference_paths(const Scene& scene, const Antenna& rx, double t_s) {
   std::vector<Body> bodies;
   for (const MovingBody& body : scene.bodies) bodies.push_back(body.at(t_s));
+  bodies.insert(bodies.end(), scene.furniture.begin(), scene.furniture.end());
   std::vector<Path> paths;
   add_wall_paths(scene, bodies, rx, paths);
   add_body_paths(scene, bodies, rx, paths);

@@ -7,6 +7,7 @@
 #include "sim/band.h"
 #include "sim/body.h"
 #include "sim/room.h"
+#include "sim/shadow.h"
 
 namespace csipose::sim {
 
@@ -28,6 +29,7 @@ struct Scene {
   Antenna transmitter;
   std::vector<std::vector<Antenna>> receivers;  ///< [receiver][antenna], equally many everywhere
   std::vector<MovingBody> bodies;
+  std::vector<Body> furniture;  ///< what stands still
   double carrier_hz = 5.64e9;
   std::vector<double> tones;  ///< of the subcarriers, in units of kToneSpacing_hz from the carrier
   int wall_order = 3;         ///< most bounces of a path by walls only
@@ -44,11 +46,12 @@ std::vector<double> intel5300_tones(bool is_40mhz = false);
 /// One path at one instant: h(f) = a F e^{-j 2 pi f length / c}.
 struct Path {
   double length_m = 0;
-  std::complex<double> amplitude;         ///< a: antennas, reflections, spreading
-  std::complex<double> shadow = 1;        ///< F: product over legs and bodies
-  glm::ivec3 image{};                     ///< of a path by walls only
-  std::vector<Wall> walls;                ///< ... and its walls in order of travel
-  int body = -1;                          ///< of a path by a body: which, else -1
+  std::complex<double> amplitude;   ///< a: antennas, reflections, spreading
+  std::complex<double> shadow = 1;  ///< F: product over legs and bodies
+  std::vector<Leg> legs;            ///< in order of travel
+  glm::ivec3 image{};               ///< of a path by walls only
+  std::vector<Wall> walls;          ///< ... and its walls in order of travel
+  int body = -1;  ///< of a path by a body: which, else -1; furniture counts on after the bodies
   int wall_before = -1, wall_after = -1;  ///< the pair; -1 = direct
   int face = kWholeSurface;
 };

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "proto/result.h"
+#include "sim/built_in_rooms.h"
 #include "sim/material.h"
 
 namespace csipose::sim {
@@ -160,17 +161,17 @@ void read_shape(const Node& node, Body& body) {
     return half;
   };
   if (kind == "sphere") {
-    node.allow_only({"kind", "c", "r", "q", "mat", "v"});
+    node.allow_only({"kind", "c", "r", "q", "mat", "v", "name"});
     body.half_m = Vec3{metres("r")};
   } else if (kind == "ellipsoid") {
-    node.allow_only({"kind", "c", "axes", "q", "mat", "v"});
+    node.allow_only({"kind", "c", "axes", "q", "mat", "v", "name"});
     body.half_m = three_metres("axes");
   } else if (kind == "box") {
-    node.allow_only({"kind", "c", "h", "q", "mat", "v"});
+    node.allow_only({"kind", "c", "h", "q", "mat", "v", "name"});
     body.shape = Shape::box;
     body.half_m = three_metres("h");
   } else if (kind == "cylinder") {
-    node.allow_only({"kind", "c", "r", "hh", "q", "mat", "v"});
+    node.allow_only({"kind", "c", "r", "hh", "q", "mat", "v", "name"});
     body.shape = Shape::cylinder;
     body.half_m = {metres("r"), metres("r"), metres("hh")};
   } else {
@@ -179,19 +180,58 @@ void read_shape(const Node& node, Body& body) {
   }
 }
 
-void read_body(const Node& node, Scene& scene) {
-  MovingBody moving;
-  Body& body = moving.start;
+Body still_body_at(const Node& node, const Scene& scene) {
+  Body body;
   read_shape(node, body);
   body.centre = node.at("c").vec3();
   if (node.has("q")) body.axes = rotation_at(node.at("q"));
   body.surface = {material_at(node.at("mat")).permittivity(scene.carrier_hz), 0};
+  return body;
+}
+Vec3 reach_of(const Body& body) {
+  return {body.support_m({1, 0, 0}), body.support_m({0, 1, 0}), body.support_m({0, 0, 1})};
+}
+
+void read_body(const Node& node, Scene& scene) {
+  MovingBody moving{still_body_at(node, scene)};
   if (node.has("v")) moving.velocity_m_s = node.at("v").vec3();
-  const Vec3 reach{body.support_m({1, 0, 0}), body.support_m({0, 1, 0}), body.support_m({0, 0, 1})};
   for (const int snapshot : {0, scene.snapshots - 1})
-    check_inside(node, scene, moving.at(snapshot * scene.step_s).centre, reach,
+    check_inside(node, scene, moving.at(snapshot * scene.step_s).centre, reach_of(moving.start),
                  fmt::format("the body in snapshot {}", snapshot).c_str());
   scene.bodies.push_back(moving);
+}
+
+/// Whether p lies in the box around the body, or nearer to it than `margin_m`.
+bool is_near(const Body& body, const Vec3& p, double margin_m) {
+  const Vec3 off = glm::abs(p - body.centre), reach = reach_of(body) + margin_m;
+  return off.x < reach.x && off.y < reach.y && off.z < reach.z;
+}
+
+void read_furniture(const Node& node, Scene& scene) {
+  if (node.has("v")) node.refuse("has a velocity 'v'; furniture stands still");
+  const Body body = still_body_at(node, scene);
+  check_inside(node, scene, body.centre, reach_of(body), "this piece of furniture");
+  constexpr double kClear_m = 0.02;
+  if (is_near(body, scene.transmitter.position, kClear_m)) node.refuse("the transmitter stands in it");
+  for (std::size_t r = 0; r < scene.receivers.size(); ++r)
+    for (const Antenna& antenna : scene.receivers[r])
+      if (is_near(body, antenna.position, kClear_m))
+        node.refuse(fmt::format("receiver {} stands in it", r + 1));
+  scene.furniture.push_back(body);
+}
+
+Rectangle area_at(const Node& node, const Scene& scene) {
+  const auto sides = node.list();
+  if (sides.size() != 4) node.refuse("must have four numbers x0, y0, x1, y1");
+  const Rectangle area{sides[0].number(), sides[1].number(), sides[2].number(), sides[3].number()};
+  const Vec3& room = scene.room.size_m;
+  if (area.x0 < 0 || area.y0 < 0 || area.x1 > room.x || area.y1 > room.y)
+    node.refuse(fmt::format("reaches beyond the room of {} x {} m", room.x, room.y));
+  constexpr double kLeast_m = 1.5;
+  if (area.x1 - area.x0 < kLeast_m || area.y1 - area.y0 < kLeast_m)
+    node.refuse(
+        fmt::format("must be at least {} x {} m: people keep {} m inside it", kLeast_m, kLeast_m, kInside_m));
+  return area;
 }
 
 void read_tones(const Node& root, Scene& scene) {
@@ -225,12 +265,28 @@ void read_orders(const Node& root, Scene& scene) {
   }
 }
 
+json parse_json(std::string_view text, const std::string& file_name) {
+  json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  if (parsed.is_discarded())
+    throw SetupError(ExitStatus::bad_data,
+                     fmt::format("{}: is not JSON; look for a missing comma or bracket", file_name));
+  return parsed;
+}
+
+std::string read_text(const std::filesystem::path& file, const char* what) {
+  std::ifstream in(file, std::ios::binary);
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  if (!in)
+    throw SetupError(ExitStatus::no_input,
+                     fmt::format("cannot read the {} {}; is the name right?", what, file.string()));
+  return text;
+}
+
 }  // namespace
 
 Scene parse_scene(std::string_view text, const std::string& file_name) {
-  const json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
+  const json parsed = parse_json(text, file_name);
   const Node root(parsed, file_name, "");
-  if (parsed.is_discarded()) root.refuse("is not JSON; look for a missing comma or bracket");
   root.allow_only({"name", "fc", "dt", "rate", "snapshots", "order", "object_wall_order", "pairs", "pattern",
                    "spacing", "antennas", "subcarriers", "L", "materials", "tx", "tx_axis", "rx", "bodies",
                    // results that a scene may carry with it; not read
@@ -248,12 +304,42 @@ Scene parse_scene(std::string_view text, const std::string& file_name) {
 }
 
 Scene read_scene(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  if (!in)
+  return parse_scene(read_text(file, "scene"), file.string());
+}
+
+RoomPlan parse_room(std::string_view text, const std::string& file_name) {
+  const json parsed = parse_json(text, file_name);
+  const Node root(parsed, file_name, "");
+  root.allow_only({"name", "what", "fc", "pattern", "spacing", "L", "materials", "tx", "tx_axis", "rx",
+                   "area", "furniture"});
+  RoomPlan plan;
+  plan.name = root.at("name").text();
+  Scene& scene = plan.still;
+  if (root.has("fc")) scene.carrier_hz = root.at("fc").number_in(1e9, 1e11);
+  scene.tones = intel5300_tones();
+  root.at("L");  // a room has walls
+  read_room(root, scene);
+  read_antennas(root, scene);
+  if (scene.receivers.size() != kReceivers)
+    root.at("rx").refuse(
+        fmt::format("has {} receivers; the system has {}", scene.receivers.size(), kReceivers));
+  plan.area = area_at(root.at("area"), scene);
+  if (root.has("furniture"))
+    for (const Node& piece : root.at("furniture").list()) read_furniture(piece, scene);
+  return plan;
+}
+
+RoomPlan read_room_plan(const std::string& name_or_file) {
+  for (const BuiltInRoom& room : built_in_rooms())
+    if (room.name == name_or_file) return parse_room(room.json, "the room '" + name_or_file + "'");
+  if (name_or_file.find_first_of("./") == std::string::npos && !std::filesystem::exists(name_or_file)) {
+    std::vector<std::string_view> known;
+    for (const BuiltInRoom& room : built_in_rooms()) known.push_back(room.name);
     throw SetupError(ExitStatus::no_input,
-                     fmt::format("cannot read the scene {}; is the name right?", file.string()));
-  return parse_scene(text, file.string());
+                     fmt::format("there is no room '{}'; there are {}, or give a room's file", name_or_file,
+                                 fmt::join(known, ", ")));
+  }
+  return parse_room(read_text(name_or_file, "room"), name_or_file);
 }
 
 }  // namespace csipose::sim

@@ -133,7 +133,7 @@ TEST(FrameMaker, ChannelIsTheSolvers) {
   std::vector<std::complex<float>> stored(rows[1].size() / sizeof(std::complex<float>));
   std::memcpy(stored.data(), rows[1].data(), rows[1].size());
   ObjectClip objects = sample_object_clip(1, 0);
-  const Scene scene = objects.scene();
+  const Scene scene = random_room(objects.room_m, objects.walls, objects.devices);
   std::vector<std::vector<Body>> bodies(kSamples);
   for (auto& snapshot : bodies) {
     for (const FlyingObject& object : objects.objects)

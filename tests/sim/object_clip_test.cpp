@@ -44,10 +44,10 @@ TEST(ObjectClip, MeetsTheGoldenScenesAndFlights) {
     expect_near(clip.room_m, golden["L"], 1e-12);
     for (std::size_t w = 0; w < kWalls; ++w)
       EXPECT_EQ(clip.walls[w]->name, golden["mats"][std::string(kWallNames[w])].get<std::string>());
-    expect_near(clip.transmitter.position, golden["tx"]["pos"], 1e-12);
+    expect_near(clip.devices[0].position, golden["tx"]["pos"], 1e-12);
     for (std::size_t r = 0; r < kReceivers; ++r) {
-      EXPECT_EQ(clip.receivers[r].wall, golden["rx"][r]["wall"].get<std::uint32_t>());
-      expect_near(clip.receivers[r].position, golden["rx"][r]["pos"], 1e-12);
+      EXPECT_EQ(clip.devices[r + 1].wall, golden["rx"][r]["wall"].get<std::uint32_t>());
+      expect_near(clip.devices[r + 1].position, golden["rx"][r]["pos"], 1e-12);
     }
     ASSERT_EQ(clip.objects.size(), golden["objects"].size());
     for (std::size_t i = 0; i < clip.objects.size(); ++i)
@@ -84,12 +84,12 @@ TEST(ObjectClip, ObjectsStayInTheRoomAndKeepTheirSpeed) {
 
 TEST(ObjectClip, ScenesHaveTheirAntennasAlongTheirWalls) {
   const ObjectClip clip = sample_object_clip(5, 0);
-  const Scene scene = clip.scene();
+  const Scene scene = random_room(clip.room_m, clip.walls, clip.devices);
   ASSERT_EQ(scene.receivers.size(), kReceivers);
   for (std::size_t r = 0; r < kReceivers; ++r) {
     const Vec3 step = scene.receivers[r][2].position - scene.receivers[r][0].position;
     EXPECT_NEAR(glm::length(step), scene.wavelength_m(), 1e-12);
-    EXPECT_NEAR(clip.receivers[r].wall < 2 ? step.x : step.y, 0, 1e-12);
+    EXPECT_NEAR(clip.devices[r + 1].wall < 2 ? step.x : step.y, 0, 1e-12);
     EXPECT_NEAR(step.z, 0, 1e-12);
   }
 }
