@@ -13,6 +13,7 @@
 #include <fstream>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <system_error>
 #include <thread>
 
@@ -96,9 +97,27 @@ void write_text(const fs::path& path, const std::string& text) {
 nlohmann::ordered_json plan_json(const DatasetPlan& plan) {
   nlohmann::ordered_json json;
   json["format"] = "csipose-dataset 1";
-  json["clips"] = plan.clips;
-  json["frames_per_clip"] = plan.frames_per_clip;
+  json["clips"] = plan.clip_frames.size();
+  json["frames"] = std::accumulate(plan.clip_frames.begin(), plan.clip_frames.end(), std::uint64_t{0});
   json["made_by"] = plan.made_by;
+  for (const auto& [array, names] : plan.names) json["names"][array] = names;
+  // Runs [first, last] of clips.
+  for (const auto& [split, clips] : plan.splits) {
+    json["splits"][split] = nlohmann::ordered_json::array();
+    for (std::size_t i = 0; i < clips.size();) {
+      std::size_t end = i + 1;
+      while (end < clips.size() && clips[end] == clips[end - 1] + 1) ++end;
+      json["splits"][split].push_back({clips[i], clips[end - 1]});
+      i = end;
+    }
+  }
+  // Runs [clips, frames each].
+  json["clip_frames"] = nlohmann::ordered_json::array();
+  for (const std::uint32_t frames : plan.clip_frames) {
+    auto& runs = json["clip_frames"];
+    if (runs.empty() || runs.back()[1] != frames) runs.push_back({0, frames});
+    runs.back()[0] = runs.back()[0].get<std::uint64_t>() + 1;
+  }
   for (const ArrayPlan& array : plan.arrays)
     json["arrays"][array.name + ".npy"] = {{"dtype", array.descr}, {"row", array.row}};
   return json;
@@ -106,7 +125,9 @@ nlohmann::ordered_json plan_json(const DatasetPlan& plan) {
 
 }  // namespace
 
-Dataset::Dataset(DatasetPlan plan) : plan_(std::move(plan)), done_(plan_.clips, 0) {
+Dataset::Dataset(DatasetPlan plan)
+    : plan_(std::move(plan)), done_(plan_.clip_frames.size(), 0), first_frame_{0} {
+  for (const std::uint32_t frames : plan_.clip_frames) first_frame_.push_back(first_frame_.back() + frames);
   make_folder(plan_.folder);
   const std::string ours = plan_json(plan_).dump(1) + "\n";
   const fs::path begun = plan_.folder / kPlan, manifest = plan_.folder / kManifest;
@@ -144,7 +165,7 @@ Dataset::~Dataset() {
 fs::path Dataset::array_path(const ArrayPlan& array) const { return plan_.folder / (array.name + ".npy"); }
 
 void Dataset::create_arrays() {
-  const std::size_t frames = std::size_t{plan_.clips} * plan_.frames_per_clip;
+  const std::size_t frames = first_frame_.back();
   for (const ArrayPlan& array : plan_.arrays) {
     NpyShape shape{frames};
     shape.insert(shape.end(), array.row.begin(), array.row.end());
@@ -163,7 +184,7 @@ void Dataset::create_arrays() {
 }
 
 void Dataset::open_arrays() {
-  const std::size_t frames = std::size_t{plan_.clips} * plan_.frames_per_clip;
+  const std::size_t frames = first_frame_.back();
   for (const ArrayPlan& array : plan_.arrays) {
     files_.push_back(open_for(array_path(array), O_WRONLY));
     data_at_.push_back(fs::file_size(array_path(array)) - frames * array.row_bytes());
@@ -181,9 +202,9 @@ void Dataset::open_arrays() {
 void Dataset::write(std::uint32_t clip, const ClipRows& rows) {
   assert(rows.size() == plan_.arrays.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    const std::size_t bytes = plan_.arrays[i].row_bytes() * plan_.frames_per_clip;
-    assert(rows[i].size() == bytes);
-    write_at(files_[i], rows[i], data_at_[i] + clip * bytes, array_path(plan_.arrays[i]));
+    const std::size_t row = plan_.arrays[i].row_bytes();
+    assert(rows[i].size() == row * plan_.clip_frames[clip]);
+    write_at(files_[i], rows[i], data_at_[i] + first_frame_[clip] * row, array_path(plan_.arrays[i]));
   }
   done_[clip] = 1;
   write_at(progress_, ByteView("\x01", 1), clip, plan_.folder / kProgress);
@@ -206,9 +227,16 @@ void Dataset::finish() {
   finished_ = true;
 }
 
-void fill(Dataset& dataset, std::uint32_t clips, unsigned threads,
-          const std::function<ClipRows(std::uint32_t)>& make,
+std::map<std::string, std::vector<std::uint32_t>> usual_splits(std::uint32_t clips) {
+  std::map<std::string, std::vector<std::uint32_t>> splits{{"train", {}}, {"val", {}}, {"test", {}}};
+  for (std::uint32_t clip = 0; clip < clips; ++clip)
+    splits[clip % 20 == 18 ? "val" : clip % 20 == 19 ? "test" : "train"].push_back(clip);
+  return splits;
+}
+
+void fill(Dataset& dataset, unsigned threads, const std::function<ClipRows(std::uint32_t)>& make,
           const std::function<void(std::uint32_t, std::uint32_t)>& report) {
+  const std::uint32_t clips = dataset.clips();
   std::vector<std::uint32_t> missing;
   for (std::uint32_t clip = 0; clip < clips; ++clip)
     if (!dataset.has(clip)) missing.push_back(clip);

@@ -28,14 +28,20 @@ struct ArrayPlan {
 
 struct DatasetPlan {
   std::filesystem::path folder;
-  std::uint32_t clips = 0, frames_per_clip = 0;
+  std::vector<std::uint32_t> clip_frames;  ///< how many frames each clip has
   std::vector<ArrayPlan> arrays;
+  std::map<std::string, std::vector<std::uint32_t>> splits;  ///< clips of "train", "val", "test", ascending
+  /// More for dataset.json: what the numbers of an array stand for.
+  std::map<std::string, std::vector<std::string>> names;
   /// All that decides the bytes, for dataset.json; a folder begun with other words is not taken up.
   std::map<std::string, std::string> made_by;
 };
 
 /// A clip's rows, array by array, in the plan's order.
 using ClipRows = std::vector<std::vector<std::uint8_t>>;
+
+/// Whole clips: one in twenty for validation, one for test.
+std::map<std::string, std::vector<std::uint32_t>> usual_splits(std::uint32_t clips);
 
 class Dataset {
  public:
@@ -48,6 +54,7 @@ class Dataset {
 
   /// Whole already: nothing is left to do.
   bool finished() const { return finished_; }
+  std::uint32_t clips() const { return static_cast<std::uint32_t>(done_.size()); }
   bool has(std::uint32_t clip) const { return done_[clip] != 0; }
   /// Safe from several threads, each clip once. Throws SetupError (io), for example when the disk is full.
   void write(std::uint32_t clip, const ClipRows& rows);
@@ -64,14 +71,14 @@ class Dataset {
   std::vector<int> files_;
   std::vector<std::size_t> data_at_;
   std::vector<char> done_;
+  std::vector<std::size_t> first_frame_;  ///< of each clip; at the end, of all
   int progress_ = -1;
   bool finished_ = false;
 };
 
 /// Calls make(clip) for each clip that is missing, on `threads` threads, and writes what it gives; `report(done, clips)`
-/// after each, one call at a time. The first exception ends all and is thrown on.
-void fill(Dataset& dataset, std::uint32_t clips, unsigned threads,
-          const std::function<ClipRows(std::uint32_t)>& make,
+/// with clips after each, one call at a time. The first exception ends all and is thrown on.
+void fill(Dataset& dataset, unsigned threads, const std::function<ClipRows(std::uint32_t)>& make,
           const std::function<void(std::uint32_t, std::uint32_t)>& report);
 
 }  // namespace csipose::sim

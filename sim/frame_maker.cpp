@@ -1,5 +1,8 @@
 #include "sim/frame_maker.h"
 
+#include <cmath>
+#include <glm/gtc/packing.hpp>
+
 namespace csipose::sim {
 namespace {
 
@@ -23,10 +26,20 @@ std::array<std::int8_t, kSubcarriers * kAntennas * 2> matrix_of(const CsiRecord&
 
 }  // namespace
 
+std::optional<Storage> find_storage(std::string_view name) {
+  if (name == "int8") return Storage::records;
+  if (name == "complex64") return Storage::channel;
+  if (name == "float16") return Storage::half;
+  return std::nullopt;
+}
+
 std::vector<ArrayPlan> frame_arrays(Storage storage) {
   const ArrayPlan clip{"clip", "<u4", 4, {}};
   if (storage == Storage::channel)
     return {clip, {"h", "<c8", 8, {kSamples, kSubcarriers, kReceivers, kAntennas}}};
+  if (storage == Storage::half)
+    return {
+        clip, {"h", "<f2", 2, {kSamples, kSubcarriers, kReceivers, kAntennas, 2}}, {"h_rms", "<f4", 4, {}}};
   return {clip,
           {"csi", "|i1", 1, {kSamples, kReceivers, kSubcarriers, kAntennas, 2}},
           {"received", "|u1", 1, {kSamples, kReceivers}},
@@ -34,17 +47,32 @@ std::vector<ArrayPlan> frame_arrays(Storage storage) {
           {"agc", "|u1", 1, {kSamples, kReceivers}}};
 }
 
-FrameMaker::FrameMaker(const Scene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
+FrameMaker::FrameMaker(const Scene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
                        std::uint32_t clip, double rate_hz)
-    : storage_(storage), clip_(clip), bank_(level, Band{}, seed, clip, rate_hz), batch_(scene) {}
+    : storage_(storage), clip_(clip), bank_(on, Band{}, seed, clip, rate_hz), batch_(scene) {}
 
 void FrameMaker::add_frame(MovingScene& scene, ClipRows& rows) {
   batch_.advance(scene);
   append(rows[0], &clip_, 1);
   if (storage_ == Storage::channel)
     append(rows[1], batch_.h().data(), batch_.h().size());
+  else if (storage_ == Storage::half)
+    append_half(rows);
   else
     append_records(rows);
+}
+
+/// Over the rms, since |H| is about what float16 has for its least.
+void FrameMaker::append_half(ClipRows& rows) const {
+  double power = 0;
+  for (const auto& h : batch_.h()) power += std::norm(std::complex<double>(h));
+  const float rms = static_cast<float>(std::sqrt(power / static_cast<double>(batch_.h().size())));
+  for (const auto& h : batch_.h()) {
+    const std::array<std::uint16_t, 2> pair{glm::packHalf1x16(h.real() / rms),
+                                            glm::packHalf1x16(h.imag() / rms)};
+    append(rows[1], pair.data(), 2);
+  }
+  append(rows[2], &rms, 1);
 }
 
 void FrameMaker::append_records(ClipRows& rows) {
@@ -59,9 +87,9 @@ void FrameMaker::append_records(ClipRows& rows) {
     }
 }
 
-ClipRows make_clip(MovingScene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
+ClipRows make_clip(MovingScene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
                    std::uint32_t clip, std::uint32_t frames, double rate_hz) {
-  FrameMaker maker(scene.still(), storage, level, seed, clip, rate_hz);
+  FrameMaker maker(scene.still(), storage, on, seed, clip, rate_hz);
   ClipRows rows(frame_arrays(storage).size());
   for (std::uint32_t frame = 0; frame < frames; ++frame) maker.add_frame(scene, rows);
   return rows;

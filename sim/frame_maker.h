@@ -11,7 +11,11 @@ namespace csipose::sim {
 enum class Storage : std::uint8_t {
   records,  ///< int8 CSI as the card reports it, with signal strength and gain; what was lost is marked
   channel,  ///< complex64 H, before any radio
+  half,     ///< H as pairs of float16, over its rms, which is beside it
 };
+
+/// "int8", "complex64", "float16", as options and manifests say.
+std::optional<Storage> find_storage(std::string_view name);
 
 /// The arrays of a frame of kSamples snapshots, but for labels.
 std::vector<ArrayPlan> frame_arrays(Storage storage);
@@ -20,15 +24,18 @@ std::vector<ArrayPlan> frame_arrays(Storage storage);
 class FrameMaker {
  public:
   /// `scene` without bodies; room, devices and antennas stay for the clip.
-  FrameMaker(const Scene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
+  FrameMaker(const Scene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
              std::uint32_t clip, double rate_hz);
 
   /// Takes the next kSamples instants of `scene`, whose still() is that of the constructor. Appends one row to each of
   /// `rows`, in the order of frame_arrays().
   void add_frame(MovingScene& scene, ClipRows& rows);
+  /// Where people were at snapshot `sample` of the last frame.
+  const std::vector<Joints>& people(std::size_t sample) const { return batch_.people(sample); }
 
  private:
   void append_records(ClipRows& rows);
+  void append_half(ClipRows& rows) const;
 
   Storage storage_;
   std::uint32_t clip_;
@@ -37,7 +44,7 @@ class FrameMaker {
 };
 
 /// The first `frames` frames of a scene, which is clip `clip` of its set.
-ClipRows make_clip(MovingScene& scene, Storage storage, ImpairmentLevel level, std::uint64_t seed,
+ClipRows make_clip(MovingScene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
                    std::uint32_t clip, std::uint32_t frames, double rate_hz);
 
 }  // namespace csipose::sim

@@ -61,6 +61,23 @@ std::uint8_t antenna_sel_of(const std::array<std::uint8_t, kAntennas>& perm) {
 
 }  // namespace
 
+std::span<const NamedImpairment> named_impairments() {
+  static constexpr NamedImpairment kAll[] = {{"carrier_phase", &Impairments::carrier_phase},
+                                             {"detection_delay", &Impairments::detection_delay},
+                                             {"delay_jitter", &Impairments::delay_jitter},
+                                             {"branch_gain", &Impairments::branch_gain},
+                                             {"branch_phase", &Impairments::branch_phase},
+                                             {"passband", &Impairments::passband},
+                                             {"thermal_noise", &Impairments::thermal_noise},
+                                             {"converter_noise", &Impairments::converter_noise},
+                                             {"power_jitter", &Impairments::power_jitter},
+                                             {"antenna_order", &Impairments::antenna_order},
+                                             {"losses", &Impairments::losses},
+                                             {"channel_access", &Impairments::channel_access},
+                                             {"own_clock", &Impairments::own_clock}};
+  return kAll;
+}
+
 Impairments impairments(ImpairmentLevel level) {
   Impairments on;
   if (level == ImpairmentLevel::none) return on;

@@ -16,6 +16,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string_view>
 
 #include "proto/csi_record.h"
@@ -47,6 +48,13 @@ struct Impairments {
 /// loss. "5300": all of them.
 enum class ImpairmentLevel : std::uint8_t { none, mild, intel5300 };
 Impairments impairments(ImpairmentLevel level);
+
+/// Every effect by the name of its member above, for switches.
+struct NamedImpairment {
+  std::string_view name;
+  bool Impairments::*member;
+};
+std::span<const NamedImpairment> named_impairments();
 
 /// Names a packet of a simulation: `number` counts from 0 in its clip.
 struct PacketId {

@@ -5,9 +5,9 @@
 
 namespace csipose::sim {
 
-ReceiverBank::ReceiverBank(ImpairmentLevel level, const Band& band, std::uint64_t seed, std::uint32_t clip,
+ReceiverBank::ReceiverBank(const Impairments& on, const Band& band, std::uint64_t seed, std::uint32_t clip,
                            double rate_hz)
-    : on_(impairments(level)),
+    : on_(on),
       next_{seed, clip, 0},
       rate_hz_(rate_hz),
       session_(static_cast<std::uint16_t>(seed * 0x9E37 + clip)) {

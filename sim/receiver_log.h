@@ -17,7 +17,7 @@ namespace csipose::sim {
 class ReceiverBank {
  public:
   /// `session` names the run of the injector in its frames.
-  ReceiverBank(ImpairmentLevel level, const Band& band, std::uint64_t seed, std::uint32_t clip,
+  ReceiverBank(const Impairments& on, const Band& band, std::uint64_t seed, std::uint32_t clip,
                double rate_hz);
 
   /// What each receiver records of one packet; nothing where it missed it.

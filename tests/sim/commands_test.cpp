@@ -57,13 +57,15 @@ TEST_F(Commands, WritesThreeLogsTheSameForTheSameSeed) {
     EXPECT_EQ(bytes(folder_ / "a" / name), bytes(folder_ / "b" / name));
     EXPECT_NE(bytes(folder_ / "a" / name), bytes(folder_ / "c" / name));
   }
-  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "a"), {}), 3) << "nothing else is left";
+  EXPECT_EQ(read_npy<float>(folder_ / "a" / "truth.npy").shape, (NpyShape{150, 1, 14, 3}));
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "a"), {}), 4) << "nothing else is left";
 }
 
 TEST_F(Commands, RefusesWithWordsAndAStatus) {
   const Outcome unknown = run("record --scene palace --out " + folder_.string());
-  EXPECT_EQ(unknown.status, 64);
-  EXPECT_NE(unknown.words.find("palace"), std::string::npos);
+  EXPECT_EQ(unknown.status, 66);
+  EXPECT_NE(unknown.words.find("no room 'palace'; there are office, classroom, corridor, empty"),
+            std::string::npos);
   EXPECT_EQ(run("record").status, 64);
   EXPECT_EQ(run("record --seconds -1 --out " + folder_.string()).status, 64);
   EXPECT_EQ(run("record --impair heavy --out " + folder_.string()).status, 64);
@@ -73,6 +75,24 @@ TEST_F(Commands, RefusesWithWordsAndAStatus) {
   const Outcome blocked = run("record --seconds 0.1 --out " + (folder_ / "file" / "below").string());
   EXPECT_EQ(blocked.status, 73);
   EXPECT_NE(blocked.words.find("file/below"), std::string::npos);
+}
+
+TEST_F(Commands, AHumanDataSetIsTheSameHoweverOftenItWasInterrupted) {
+  const std::string common = "dataset human --clips 3 --frames 2 --room office --actions walk,wave --out ";
+  const fs::path whole = folder_ / "whole", stopped = folder_ / "stopped";
+  ASSERT_EQ(run(common + whole.string() + " --threads 2").status, 0);
+  for (int i = 0; i < 4 && !fs::exists(stopped / "dataset.json"); ++i)
+    run("dataset human --clips 3 --frames 2 --room office --actions walk,wave --threads 1 --out " +
+        stopped.string() + " & sleep 0.3; kill -9 $!; wait $!");
+  ASSERT_EQ(run(common + stopped.string()).status, 0);
+  for (const auto& entry : fs::directory_iterator(whole))
+    EXPECT_EQ(bytes(entry.path()), bytes(stopped / entry.path().filename())) << entry.path();
+  const auto labels = read_npy<float>(whole / "labels.npy");
+  EXPECT_EQ(labels.shape, (NpyShape{6, 3, 14, 3}));
+  EXPECT_EQ(run("dataset human --room nowhere.json --out " + (folder_ / "x").string()).status, 66);
+  EXPECT_EQ(run("dataset human --least-people 3 --most-people 1 --out " + (folder_ / "x").string()).status,
+            64);
+  EXPECT_EQ(run(common + whole.string() + " --seed 2").status, 65) << "another set lies there";
 }
 
 TEST_F(Commands, SolveWritesTheChannelAndEveryPath) {

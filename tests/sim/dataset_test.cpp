@@ -31,15 +31,21 @@ class DatasetTest : public ::testing::Test {
   void TearDown() override { fs::remove_all(folder_); }
 
   DatasetPlan plan(const char* name, std::string seed = "4") {
-    return {folder_ / name, kClips, kFrames, frame_arrays(Storage::records), {{"seed", std::move(seed)}}};
+    return {folder_ / name,
+            std::vector<std::uint32_t>(kClips, kFrames),
+            frame_arrays(Storage::records),
+            {},
+            {},
+            {{"seed", std::move(seed)}}};
   }
   static ClipRows clip(std::uint32_t number) {
     const auto scene = object_scene(kSeed, number, 300);
-    return make_clip(*scene, Storage::records, ImpairmentLevel::intel5300, kSeed, number, kFrames, 300);
+    return make_clip(*scene, Storage::records, impairments(ImpairmentLevel::intel5300), kSeed, number,
+                     kFrames, 300);
   }
   void make_whole(const char* name, unsigned threads) {
     Dataset dataset(plan(name));
-    fill(dataset, kClips, threads, clip, [](std::uint32_t, std::uint32_t) {});
+    fill(dataset, threads, clip, [](std::uint32_t, std::uint32_t) {});
     dataset.finish();
   }
   void expect_same(const char* a, const char* b) {
@@ -81,7 +87,7 @@ TEST_F(DatasetTest, IsNoDataSetUntilItIsWholeAndGoesOnWhereItStopped) {
     EXPECT_TRUE(resumed.has(1));
     std::set<std::uint32_t> made;
     fill(
-        resumed, kClips, 1,
+        resumed, 1,
         [&](std::uint32_t c) {
           made.insert(c);
           return clip(c);
@@ -108,13 +114,13 @@ TEST_F(DatasetTest, AFailingClipEndsTheRunWithItsError) {
     if (c == 1) throw SetupError(ExitStatus::io, "no space");
     return clip(c);
   };
-  EXPECT_THROW(fill(dataset, kClips, 2, failing, [](std::uint32_t, std::uint32_t) {}), SetupError);
+  EXPECT_THROW(fill(dataset, 2, failing, [](std::uint32_t, std::uint32_t) {}), SetupError);
   EXPECT_FALSE(fs::exists(folder_ / "fails" / "dataset.json"));
 }
 
 TEST(FrameMaker, LostPacketsAreMarkedAndTheRestIsWhatTheCardSaw) {
-  const ClipRows rows =
-      make_clip(*object_scene(1, 0, 300), Storage::records, ImpairmentLevel::intel5300, 1, 0, 5, 300);
+  const ClipRows rows = make_clip(*object_scene(1, 0, 300), Storage::records,
+                                  impairments(ImpairmentLevel::intel5300), 1, 0, 5, 300);
   const std::size_t matrix = kSubcarriers * kAntennas * 2;
   std::size_t heard = 0;
   for (std::size_t i = 0; i < rows[2].size(); ++i) {
@@ -129,7 +135,7 @@ TEST(FrameMaker, LostPacketsAreMarkedAndTheRestIsWhatTheCardSaw) {
 
 TEST(FrameMaker, ChannelIsTheSolvers) {
   const ClipRows rows =
-      make_clip(*object_scene(1, 0, 300), Storage::channel, ImpairmentLevel::none, 1, 0, 1, 300);
+      make_clip(*object_scene(1, 0, 300), Storage::channel, impairments(ImpairmentLevel::none), 1, 0, 1, 300);
   std::vector<std::complex<float>> stored(rows[1].size() / sizeof(std::complex<float>));
   std::memcpy(stored.data(), rows[1].data(), rows[1].size());
   ObjectClip objects = sample_object_clip(1, 0);

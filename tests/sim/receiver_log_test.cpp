@@ -15,7 +15,7 @@ using Logs = std::array<std::vector<std::uint8_t>, kReceivers>;
 Logs simulate(ImpairmentLevel level, std::uint32_t packets) {
   const Band band;
   const ReflectorScene scene = default_reflector_scene(band);
-  ReceiverBank bank(level, band, /*seed=*/5, /*clip=*/0, /*rate_hz=*/300);
+  ReceiverBank bank(impairments(level), band, /*seed=*/5, /*clip=*/0, /*rate_hz=*/300);
   Logs logs;
   for (std::uint32_t p = 0; p < packets; ++p) bank.send(reflector_channel(scene, band, p / 300.0), logs);
   return logs;

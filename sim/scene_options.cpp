@@ -1,0 +1,112 @@
+#include "sim/scene_options.h"
+
+#include <fmt/core.h>
+#include <fmt/ranges.h>
+
+#include <CLI/CLI.hpp>
+
+#include "sim/object_clip.h"
+
+namespace csipose::sim {
+namespace {
+
+std::vector<std::string> action_names() {
+  std::vector<std::string> names{"all"};
+  names.insert(names.end(), kActionNames.begin(), kActionNames.end());
+  return names;
+}
+
+std::vector<std::string> impairment_names() {
+  std::vector<std::string> names;
+  for (const NamedImpairment& it : named_impairments()) names.emplace_back(it.name);
+  return names;
+}
+
+ImpairmentLevel level_of(const std::string& name) {
+  return name == "none"   ? ImpairmentLevel::none
+         : name == "mild" ? ImpairmentLevel::mild
+                          : ImpairmentLevel::intel5300;
+}
+
+}  // namespace
+
+std::vector<Action> PeopleOptions::allowed() const {
+  std::vector<Action> allowed;
+  for (const std::string& name : actions) {
+    if (const auto action = find_action(name))
+      allowed.push_back(*action);
+    else  // all
+      for (std::size_t i = 0; i < kActions; ++i)
+        if (static_cast<Action>(i) != Action::fall) allowed.push_back(static_cast<Action>(i));
+  }
+  return allowed;
+}
+
+void add_people_options(CLI::App& command, PeopleOptions& options) {
+  command
+      .add_option("--actions", options.actions,
+                  fmt::format("what they do: {}; all is everything but fall", fmt::join(kActionNames, ", ")))
+      ->delimiter(',')
+      ->check(CLI::IsMember(action_names()))
+      ->capture_default_str();
+  command.add_flag("--chairs", options.chairs, "who begins by sitting has a chair and stays with it");
+  command.add_flag("--opposite", options.opposite,
+                   "in random rooms: transmitter at one side of the area, receivers at the three others");
+}
+
+void add_scene_options(CLI::App& command, SceneOptions& options) {
+  command
+      .add_option(
+          "--scene", options.scene,
+          "office, classroom, corridor, empty or a room's file: people in it; random: in a room drawn "
+          "from the seed; object: flying solids; reflector: one point in closed form")
+      ->capture_default_str();
+  command.add_option("--people", options.people, "how many")->check(CLI::Range(0, 3))->capture_default_str();
+  add_people_options(command, options.who);
+  command.add_option("--seed", options.seed, "same seed, same bytes")->capture_default_str();
+  command.add_option("--clip", options.clip, "which clip of that seed")->capture_default_str();
+  command.add_option("--rate", options.rate_hz, "packets a second")
+      ->check(CLI::Range(1.0, 10'000.0))
+      ->capture_default_str();
+}
+
+std::unique_ptr<MovingScene> open_moving_scene(const SceneOptions& options) {
+  if (options.scene == "reflector") return nullptr;
+  if (options.scene == "object") return object_scene(options.seed, options.clip, options.rate_hz);
+  HumanSpec spec;
+  spec.room = options.scene == "random" ? draw_room(options.seed, options.clip, options.who.opposite)
+                                        : read_room_plan(options.scene);
+  spec.people = options.people;
+  spec.allowed = options.who.allowed();
+  spec.chairs = options.who.chairs;
+  return std::make_unique<HumanScene>(spec, options.seed, options.clip, options.rate_hz);
+}
+
+std::unique_ptr<ChannelSource> open_channels(const SceneOptions& options) {
+  auto scene = open_moving_scene(options);
+  return scene ? solve_as_it_moves(std::move(scene)) : reflector_channels(options.rate_hz);
+}
+
+Impairments RadioOptions::impairments() const {
+  Impairments on = sim::impairments(level_of(level));
+  for (const NamedImpairment& it : named_impairments())
+    if (std::find(off.begin(), off.end(), it.name) != off.end()) on.*it.member = false;
+  return on;
+}
+
+std::string RadioOptions::words() const {
+  return off.empty() ? level : fmt::format("{} less {}", level, fmt::join(off, ", "));
+}
+
+void add_radio_options(CLI::App& command, RadioOptions& options) {
+  command.add_option("--impair", options.level, "what the radio spoils")
+      ->check(CLI::IsMember({"none", "mild", "5300"}))
+      ->capture_default_str();
+  command
+      .add_option("--impair-off", options.off,
+                  fmt::format("but not: {}", fmt::join(impairment_names(), ", ")))
+      ->delimiter(',')
+      ->check(CLI::IsMember(impairment_names()));
+}
+
+}  // namespace csipose::sim
