@@ -356,6 +356,7 @@ void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Ref
   const Pair& pair = pairs_[task.pair];
   const Antenna& rx = middles_[task.receiver];
   const BodyWay way = body_way(scene_, pair, r, task.source, task.sink, rx.position);
+  if (!is_open(scene_, way)) return;
   const FresnelTable& surface = table_of(bodies[task.body].surface);
   const std::complex<double> gain = field_gain(
       scene_.transmitter, rx, way.points_span(), way.normals_span(), [&](std::size_t i, double cosine) {

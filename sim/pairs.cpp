@@ -29,6 +29,12 @@ Leg BodyWay::leg(std::size_t i, const Reflection& r) const {
   return {points[i], points[i + 1], before_m, i < body_point ? r.s1_m : r.caustic_m + r.s2_m};
 }
 
+bool is_open(const Scene& scene, const BodyWay& way) {
+  for (std::size_t i = 0; scene.meshes && i < way.legs; ++i)
+    if (!scene.meshes->is_open(way.points[i], way.points[i + 1])) return false;
+  return true;
+}
+
 BodyWay body_way(const Scene& scene, const Pair& pair, const Reflection& r, const Vec3& source,
                  const Vec3& sink, const Vec3& rx) {
   BodyWay way;

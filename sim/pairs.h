@@ -37,6 +37,8 @@ struct BodyWay {
   /// Leg i as shadows see it: up to the body from the transmitter; from there as if from the caustic behind the surface.
   Leg leg(std::size_t i, const Reflection& r) const;
 };
+/// Whether no mesh stands in the way.
+bool is_open(const Scene& scene, const BodyWay& way);
 BodyWay body_way(const Scene& scene, const Pair& pair, const Reflection& r, const Vec3& source,
                  const Vec3& sink, const Vec3& rx);
 

@@ -22,18 +22,25 @@ std::complex<double> shadow_of(const std::vector<Body>& bodies, const Leg& leg, 
   return factor;
 }
 
-void add_wall_paths(const Scene& scene, const std::vector<Body>& bodies, const Antenna& rx,
-                    std::vector<Path>& out) {
+std::vector<StillPath> still_paths(const Scene& scene, const Vec3& rx) {
+  const Vec3& tx = scene.transmitter.position;
+  if (scene.meshes) return scene.meshes->paths(tx, rx, scene.wall_order);
+  std::vector<StillPath> paths;
+  for (const WallPath& way : wall_paths(scene.room, tx, rx, scene.walls ? scene.wall_order : 0))
+    paths.push_back({way.points, bounces_of(scene.room, way.walls), way.length_m, way});
+  return paths;
+}
+
+void add_still_paths(const Scene& scene, const std::vector<Body>& bodies, const Antenna& rx,
+                     std::vector<Path>& out) {
   const double lambda_m = scene.wavelength_m();
-  for (const WallPath& way :
-       wall_paths(scene.room, scene.transmitter.position, rx.position, scene.walls ? scene.wall_order : 0)) {
+  for (const StillPath& way : still_paths(scene, rx.position)) {
     Path path;
     path.length_m = way.length_m;
-    path.image = way.index;
-    path.walls = way.walls;
-    path.amplitude =
-        free_space(scene) / way.length_m *
-        field_gain(scene.transmitter, rx, way.points, bounces_of(scene.room, way.walls), lambda_m);
+    path.image = way.shoebox.index;
+    path.walls = way.shoebox.walls;
+    path.amplitude = free_space(scene) / way.length_m *
+                     field_gain(scene.transmitter, rx, way.points, way.bounces, lambda_m);
     double before_m = 0;
     for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
       path.legs.push_back({way.points[i], way.points[i + 1], before_m, way.length_m});
@@ -44,10 +51,12 @@ void add_wall_paths(const Scene& scene, const std::vector<Body>& bodies, const A
   }
 }
 
-Path body_path(const Scene& scene, const std::vector<Body>& bodies, int own, const Pair& pair,
-               const Reflection& r, const Vec3& source, const Vec3& sink, const Antenna& rx) {
+/// Nothing where a mesh is in the way.
+std::optional<Path> body_path(const Scene& scene, const std::vector<Body>& bodies, int own, const Pair& pair,
+                              const Reflection& r, const Vec3& source, const Vec3& sink, const Antenna& rx) {
   const double lambda_m = scene.wavelength_m();
   const BodyWay way = body_way(scene, pair, r, source, sink, rx.position);
+  if (!is_open(scene, way)) return std::nullopt;
   const Surface& surface = bodies[static_cast<std::size_t>(own)].surface;
   Path path;
   path.length_m = r.s1_m + r.s2_m;
@@ -74,7 +83,8 @@ void add_body_paths(const Scene& scene, const std::vector<Body>& bodies, const A
     for (const Pair& pair : pairs_of(scene)) {
       const Vec3 source = source_of(scene, pair), sink = sink_of(scene, pair, rx.position);
       for (const Reflection& r : reflections(bodies[b], source, sink, scene.wavelength_m()))
-        out.push_back(body_path(scene, bodies, static_cast<int>(b), pair, r, source, sink, rx));
+        if (auto path = body_path(scene, bodies, static_cast<int>(b), pair, r, source, sink, rx))
+          out.push_back(*std::move(path));
     }
 }
 
@@ -90,7 +100,7 @@ std::vector<Path> reference_paths(const Scene& scene, const Antenna& rx, double 
   for (const MovingBody& body : scene.bodies) bodies.push_back(body.at(t_s));
   bodies.insert(bodies.end(), scene.furniture.begin(), scene.furniture.end());
   std::vector<Path> paths;
-  add_wall_paths(scene, bodies, rx, paths);
+  add_still_paths(scene, bodies, rx, paths);
   add_body_paths(scene, bodies, rx, paths);
   return paths;
 }

@@ -75,6 +75,23 @@ struct WallPath {
   double length_m = 0;
 };
 
+/// A path off anything that stands still.
+struct StillPath {
+  std::vector<Vec3> points;     ///< transmitter, bounces, receiver
+  std::vector<Bounce> bounces;  ///< in order of travel
+  double length_m = 0;
+  WallPath shoebox;  ///< which it is, in a shoebox room
+};
+/// A room and furniture that are more than a shoebox: meshes (mesh_paths.h).
+class StillSurfaces {
+ public:
+  virtual ~StillSurfaces() = default;
+  /// All paths with at most `order` bounces that nothing blocks; the same ones in the same order each time.
+  virtual std::vector<StillPath> paths(const Vec3& tx, const Vec3& rx, int order) const = 0;
+  /// Whether no surface lies between two points; those that they lie on do not count.
+  virtual bool is_open(const Vec3& from, const Vec3& to) const = 0;
+};
+
 /// All paths with at most `order` bounces: 1, 7, 25, 63 for 0..3; ordered by image index.
 std::vector<WallPath> wall_paths(const Room& room, const Vec3& tx, const Vec3& rx, int order);
 /// The path's bounces as field_gain() takes them.

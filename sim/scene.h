@@ -2,6 +2,7 @@
 // them.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "sim/band.h"
@@ -29,7 +30,8 @@ struct Scene {
   Antenna transmitter;
   std::vector<std::vector<Antenna>> receivers;  ///< [receiver][antenna], equally many everywhere
   std::vector<MovingBody> bodies;
-  std::vector<Body> furniture;  ///< what stands still
+  std::vector<Body> furniture;                  ///< what stands still
+  std::shared_ptr<const StillSurfaces> meshes;  ///< if there, waves meet these and not the walls of `room`
   double carrier_hz = 5.64e9;
   std::vector<double> tones;  ///< of the subcarriers, in units of kToneSpacing_hz from the carrier
   int wall_order = 3;         ///< most bounces of a path by walls only
