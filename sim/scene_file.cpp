@@ -5,80 +5,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <glm/gtc/quaternion.hpp>
-#include <nlohmann/json.hpp>
 
 #include "proto/result.h"
 #include "sim/built_in_rooms.h"
+#include "sim/json_file.h"
 #include "sim/material.h"
 
 namespace csipose::sim {
 namespace {
-using nlohmann::json;
-
-/// A place in the file: knows its name for messages.
-class Node {
- public:
-  Node(const json& value, std::string file, std::string path)
-      : value_(value), file_(std::move(file)), path_(std::move(path)) {}
-
-  [[noreturn]] void refuse(const std::string& why) const {
-    throw SetupError(ExitStatus::bad_data,
-                     fmt::format("{}: {}: {}", file_, path_.empty() ? "the scene" : path_, why));
-  }
-  void allow_only(std::initializer_list<const char*> keys) const {
-    if (!value_.is_object()) refuse("must be an object { ... }");
-    for (const auto& item : value_.items())
-      if (std::find(keys.begin(), keys.end(), item.key()) == keys.end())
-        refuse(fmt::format("has no key '{}'; it may have {}", item.key(), fmt::join(keys, ", ")));
-  }
-  bool has(const char* key) const { return value_.contains(key); }
-  Node at(const char* key) const {
-    if (!has(key)) refuse(fmt::format("lacks '{}'", key));
-    return {value_[key], file_, path_.empty() ? key : path_ + "." + key};
-  }
-  std::vector<Node> list() const {
-    if (!value_.is_array()) refuse("must be a list [ ... ]");
-    std::vector<Node> nodes;
-    for (std::size_t i = 0; i < value_.size(); ++i)
-      nodes.emplace_back(value_[i], file_, fmt::format("{}[{}]", path_, i));
-    return nodes;
-  }
-  double number() const {
-    if (!value_.is_number() || !std::isfinite(value_.get<double>())) refuse("must be a number");
-    return value_.get<double>();
-  }
-  double number_in(double low, double high) const {
-    const double x = number();
-    if (x < low || x > high) refuse(fmt::format("is {}; it must lie in {} .. {}", x, low, high));
-    return x;
-  }
-  int integer_in(int low, int high) const {
-    if (!value_.is_number_integer()) refuse("must be a whole number");
-    return static_cast<int>(number_in(low, high));
-  }
-  std::string text() const {
-    if (!value_.is_string()) refuse("must be a name in quotes");
-    return value_.get<std::string>();
-  }
-  Vec3 vec3() const {
-    const auto items = list();
-    if (items.size() != 3) refuse("must have three numbers");
-    return {items[0].number(), items[1].number(), items[2].number()};
-  }
-  Vec3 direction() const {
-    const Vec3 v = vec3();
-    if (glm::length(v) < 1e-9) refuse("must not be zero: it is a direction");
-    return glm::normalize(v);
-  }
-
- private:
-  const json& value_;
-  std::string file_, path_;
-};
-
-const Material& material_at(const Node& node) {
+const Material& material_at(const JsonNode& node) {
   const std::string name = node.text();
   if (const Material* found = find_material(name)) return *found;
   std::vector<std::string_view> known;
@@ -86,14 +22,14 @@ const Material& material_at(const Node& node) {
   node.refuse(fmt::format("there is no material '{}'; there are {}", name, fmt::join(known, ", ")));
 }
 
-Surface wall_at(const Node& node, double carrier_hz) {
+Surface wall_at(const JsonNode& node, double carrier_hz) {
   node.allow_only({"name", "thickness"});
   const Material& material = material_at(node.at("name"));
   const double thickness_m = node.has("thickness") ? node.at("thickness").number_in(0, 10) : material.slab_m;
   return {material.permittivity(carrier_hz), thickness_m};
 }
 
-void read_room(const Node& root, Scene& scene) {
+void read_room(const JsonNode& root, Scene& scene) {
   scene.walls = root.has("L");
   if (!scene.walls) {
     if (root.has("materials")) root.refuse("has materials of walls but no room size 'L'");
@@ -102,14 +38,14 @@ void read_room(const Node& root, Scene& scene) {
   scene.room.size_m = root.at("L").vec3();
   if (glm::any(glm::lessThan(scene.room.size_m, Vec3{0.1})))
     root.at("L").refuse("each side must be at least 0.1 m");
-  const Node walls = root.at("materials");
+  const JsonNode walls = root.at("materials");
   walls.allow_only({"x0", "x1", "y0", "y1", "z0", "z1"});
   for (std::size_t w = 0; w < kWalls; ++w)
     scene.room.walls[w] = wall_at(walls.at(std::string(kWallNames[w]).c_str()), scene.carrier_hz);
 }
 
 /// `margin_m`: how far the thing at `p` reaches.
-void check_inside(const Node& node, const Scene& scene, const Vec3& p, const Vec3& margin_m,
+void check_inside(const JsonNode& node, const Scene& scene, const Vec3& p, const Vec3& margin_m,
                   const char* what) {
   if (!scene.walls) return;
   if (glm::any(glm::lessThan(p, margin_m)) || glm::any(glm::greaterThan(p, scene.room.size_m - margin_m)))
@@ -117,7 +53,7 @@ void check_inside(const Node& node, const Scene& scene, const Vec3& p, const Vec
                             p.x, p.y, p.z, scene.room.size_m.x, scene.room.size_m.y, scene.room.size_m.z));
 }
 
-void read_antennas(const Node& root, Scene& scene) {
+void read_antennas(const JsonNode& root, Scene& scene) {
   const std::string pattern_name = root.has("pattern") ? root.at("pattern").text() : "hw_dipole";
   const auto pattern = find_pattern(pattern_name);
   if (!pattern)
@@ -130,7 +66,7 @@ void read_antennas(const Node& root, Scene& scene) {
   const Vec3 tx_axis = root.has("tx_axis") ? root.at("tx_axis").direction() : Vec3{0, 0, 1};
   scene.transmitter = {root.at("tx").vec3(), tx_axis, *pattern};
   check_inside(root.at("tx"), scene, scene.transmitter.position, Vec3{1e-6}, "the transmitter");
-  for (const Node& rx : root.at("rx").list()) {
+  for (const JsonNode& rx : root.at("rx").list()) {
     rx.allow_only({"center", "axis"});
     const Vec3 centre = rx.at("center").vec3(), along = antennas > 1 ? rx.at("axis").direction() : Vec3{0};
     scene.receivers.emplace_back();
@@ -144,7 +80,7 @@ void read_antennas(const Node& root, Scene& scene) {
 }
 
 /// Unit quaternion x, y, z, w; need not be normalised in the file.
-Mat3 rotation_at(const Node& node) {
+Mat3 rotation_at(const JsonNode& node) {
   const auto q = node.list();
   if (q.size() != 4) node.refuse("must have four numbers x, y, z, w");
   const glm::dquat quaternion(q[3].number(), q[0].number(), q[1].number(), q[2].number());
@@ -152,7 +88,7 @@ Mat3 rotation_at(const Node& node) {
   return glm::mat3_cast(glm::normalize(quaternion));
 }
 
-void read_shape(const Node& node, Body& body) {
+void read_shape(const JsonNode& node, Body& body) {
   const std::string kind = node.at("kind").text();
   const auto metres = [&](const char* key) { return node.at(key).number_in(0.005, 20); };
   const auto three_metres = [&](const char* key) {
@@ -180,7 +116,7 @@ void read_shape(const Node& node, Body& body) {
   }
 }
 
-Body still_body_at(const Node& node, const Scene& scene) {
+Body still_body_at(const JsonNode& node, const Scene& scene) {
   Body body;
   read_shape(node, body);
   body.centre = node.at("c").vec3();
@@ -192,7 +128,7 @@ Vec3 reach_of(const Body& body) {
   return {body.support_m({1, 0, 0}), body.support_m({0, 1, 0}), body.support_m({0, 0, 1})};
 }
 
-void read_body(const Node& node, Scene& scene) {
+void read_body(const JsonNode& node, Scene& scene) {
   MovingBody moving{still_body_at(node, scene)};
   if (node.has("v")) moving.velocity_m_s = node.at("v").vec3();
   for (const int snapshot : {0, scene.snapshots - 1})
@@ -207,7 +143,7 @@ bool is_near(const Body& body, const Vec3& p, double margin_m) {
   return off.x < reach.x && off.y < reach.y && off.z < reach.z;
 }
 
-void read_furniture(const Node& node, Scene& scene) {
+void read_furniture(const JsonNode& node, Scene& scene) {
   if (node.has("v")) node.refuse("has a velocity 'v'; furniture stands still");
   const Body body = still_body_at(node, scene);
   check_inside(node, scene, body.centre, reach_of(body), "this piece of furniture");
@@ -220,7 +156,7 @@ void read_furniture(const Node& node, Scene& scene) {
   scene.furniture.push_back(body);
 }
 
-Rectangle area_at(const Node& node, const Scene& scene) {
+Rectangle area_at(const JsonNode& node, const Scene& scene) {
   const auto sides = node.list();
   if (sides.size() != 4) node.refuse("must have four numbers x0, y0, x1, y1");
   const Rectangle area{sides[0].number(), sides[1].number(), sides[2].number(), sides[3].number()};
@@ -234,15 +170,15 @@ Rectangle area_at(const Node& node, const Scene& scene) {
   return area;
 }
 
-void read_tones(const Node& root, Scene& scene) {
+void read_tones(const JsonNode& root, Scene& scene) {
   scene.tones = intel5300_tones();
   if (!root.has("subcarriers")) return;
   scene.tones.clear();
-  for (const Node& tone : root.at("subcarriers").list()) scene.tones.push_back(tone.number_in(-1e4, 1e4));
+  for (const JsonNode& tone : root.at("subcarriers").list()) scene.tones.push_back(tone.number_in(-1e4, 1e4));
   if (scene.tones.empty()) root.at("subcarriers").refuse("needs at least one number");
 }
 
-void read_time(const Node& root, Scene& scene) {
+void read_time(const JsonNode& root, Scene& scene) {
   if (root.has("rate") && root.has("dt")) root.refuse("has both 'rate' and 'dt'; give one");
   if (root.has("rate")) scene.step_s = 1 / root.at("rate").number_in(0.1, 1e6);
   if (root.has("dt")) scene.step_s = root.at("dt").number_in(1e-6, 10);
@@ -250,7 +186,7 @@ void read_time(const Node& root, Scene& scene) {
       root.has("snapshots") ? root.at("snapshots").integer_in(1, 100'000) : static_cast<int>(kSamples);
 }
 
-void read_orders(const Node& root, Scene& scene) {
+void read_orders(const JsonNode& root, Scene& scene) {
   if (root.has("order")) scene.wall_order = root.at("order").integer_in(0, 8);
   if (root.has("pairs") && root.has("object_wall_order"))
     root.refuse("has both 'pairs' and 'object_wall_order'; give one");
@@ -265,28 +201,11 @@ void read_orders(const Node& root, Scene& scene) {
   }
 }
 
-json parse_json(std::string_view text, const std::string& file_name) {
-  json parsed = json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (parsed.is_discarded())
-    throw SetupError(ExitStatus::bad_data,
-                     fmt::format("{}: is not JSON; look for a missing comma or bracket", file_name));
-  return parsed;
-}
-
-std::string read_text(const std::filesystem::path& file, const char* what) {
-  std::ifstream in(file, std::ios::binary);
-  std::string text{std::istreambuf_iterator<char>(in), {}};
-  if (!in)
-    throw SetupError(ExitStatus::no_input,
-                     fmt::format("cannot read the {} {}; is the name right?", what, file.string()));
-  return text;
-}
-
 }  // namespace
 
 Scene parse_scene(std::string_view text, const std::string& file_name) {
-  const json parsed = parse_json(text, file_name);
-  const Node root(parsed, file_name, "");
+  const JsonFile file(text, file_name);
+  const JsonNode root = file.root();
   root.allow_only({"name", "fc", "dt", "rate", "snapshots", "order", "object_wall_order", "pairs", "pattern",
                    "spacing", "antennas", "subcarriers", "L", "materials", "tx", "tx_axis", "rx", "bodies",
                    // results that a scene may carry with it; not read
@@ -299,17 +218,17 @@ Scene parse_scene(std::string_view text, const std::string& file_name) {
   read_room(root, scene);
   read_antennas(root, scene);
   if (root.has("bodies"))
-    for (const Node& body : root.at("bodies").list()) read_body(body, scene);
+    for (const JsonNode& body : root.at("bodies").list()) read_body(body, scene);
   return scene;
 }
 
 Scene read_scene(const std::filesystem::path& file) {
-  return parse_scene(read_text(file, "scene"), file.string());
+  return parse_scene(read_text_file(file, "scene"), file.string());
 }
 
 RoomPlan parse_room(std::string_view text, const std::string& file_name) {
-  const json parsed = parse_json(text, file_name);
-  const Node root(parsed, file_name, "");
+  const JsonFile file(text, file_name);
+  const JsonNode root = file.root();
   root.allow_only({"name", "what", "fc", "pattern", "spacing", "L", "materials", "tx", "tx_axis", "rx",
                    "area", "furniture"});
   RoomPlan plan;
@@ -325,7 +244,7 @@ RoomPlan parse_room(std::string_view text, const std::string& file_name) {
         fmt::format("has {} receivers; the system has {}", scene.receivers.size(), kReceivers));
   plan.area = area_at(root.at("area"), scene);
   if (root.has("furniture"))
-    for (const Node& piece : root.at("furniture").list()) read_furniture(piece, scene);
+    for (const JsonNode& piece : root.at("furniture").list()) read_furniture(piece, scene);
   return plan;
 }
 
@@ -339,7 +258,7 @@ RoomPlan read_room_plan(const std::string& name_or_file) {
                      fmt::format("there is no room '{}'; there are {}, or give a room's file", name_or_file,
                                  fmt::join(known, ", ")));
   }
-  return parse_room(read_text(name_or_file, "room"), name_or_file);
+  return parse_room(read_text_file(name_or_file, "room"), name_or_file);
 }
 
 }  // namespace csipose::sim
