@@ -95,6 +95,21 @@ TEST(FastSolver, WallsAloneAgreeToFloatRounding) {
   EXPECT_LT(rms(difference(solve_fast(scene), truth)) / rms(truth), 1e-5);
 }
 
+// Devices that mirror each other in the room's middle: some paths meet two walls in one point, in an edge of the room.
+TEST(FastSolver, APathThroughAnEdgeOfTheRoomIsLikeItsNeighbours) {
+  Scene scene = mixed_scene();
+  const Vec3 size = scene.room.size_m;
+  scene.snapshots = 1;
+  scene.transmitter.position = {0.6, size.y / 2, 1.2};
+  scene.receivers = {{{{size.x - 0.6, size.y / 2, 1.2}}}};
+  const auto exactly = solve_reference(scene);
+  EXPECT_LT(rms(difference(solve_fast(scene), exactly)) / rms(exactly), 1e-2);
+  scene.receivers[0][0].position.y += 1e-6;
+  const auto beside = solve_reference(scene);
+  for (std::size_t k = 0; k < exactly.size(); ++k)
+    EXPECT_LT(std::abs(exactly[k] - beside[k]), 1e-2 * rms(beside));
+}
+
 TEST(FastSolver, MeetsTheGoldenBodies) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto expect_body = [](const nlohmann::json& c, const Body& body, const char* key, double tolerance) {
