@@ -222,7 +222,8 @@ void FastSolver::Impl::add_static_row(std::size_t antenna, const Path& path) {
     row.re[lane] = f(h.real()), row.im[lane] = f(h.imag());
     total.re[lane] += row.re[lane], total.im[lane] += row.im[lane];
   }
-  for (const Leg& leg : path.legs) legs_.add(leg, static_cast<std::uint32_t>(row_index));
+  for (const Leg& leg : path.legs)
+    if (!leg.is_point()) legs_.add(leg, static_cast<std::uint32_t>(row_index));
 }
 
 const FresnelTable& FastSolver::Impl::table_of(const Surface& surface) {
@@ -341,6 +342,7 @@ void FastSolver::Impl::reflect_on_ellipsoids(const std::vector<Body>& bodies,
 }
 
 void FastSolver::Impl::ask_for_shadows(const Leg& leg, std::size_t own, bool touches_own) {
+  if (leg.is_point()) return;
   const LegRow row = leg_row(leg);
   const int count = kernels_.near_balls(balls_->view(), row, f(2 / lambda_m_), near_.data());
   pending_legs_.push_back(row);

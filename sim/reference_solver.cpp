@@ -22,8 +22,6 @@ std::complex<double> shadow_of(const std::vector<Body>& bodies, const Leg& leg, 
   return factor;
 }
 
-constexpr double kNoLeg_m = 1e-9;
-
 std::vector<StillPath> still_paths(const Scene& scene, const Vec3& rx) {
   const Vec3& tx = scene.transmitter.position;
   if (scene.meshes) return scene.meshes->paths(tx, rx, scene.wall_order);
@@ -45,11 +43,9 @@ void add_still_paths(const Scene& scene, const std::vector<Body>& bodies, const 
                      field_gain(scene.transmitter, rx, way.points, way.bounces, lambda_m);
     double before_m = 0;
     for (std::size_t i = 0; i + 1 < way.points.size(); ++i) {
-      const double leg_m = glm::distance(way.points[i], way.points[i + 1]);
-      if (leg_m < kNoLeg_m) continue;  // both walls of an edge of the room, met in one point
       path.legs.push_back({way.points[i], way.points[i + 1], before_m, way.length_m});
       path.shadow *= shadow_of(bodies, path.legs.back(), -1, lambda_m);
-      before_m += leg_m;
+      before_m += glm::distance(way.points[i], way.points[i + 1]);
     }
     out.push_back(path);
   }

@@ -103,6 +103,7 @@ double smooth_step(double t) {
 
 ShadowView shadow_view(const Body& body, const Leg& leg, double wavelength_m) {
   ShadowView v;
+  if (leg.is_point()) return v;
   const double length = glm::distance(leg.from, leg.to);
   v.along = (leg.to - leg.from) / length;
   const double x = glm::dot(body.centre - leg.from, v.along);

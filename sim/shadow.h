@@ -13,6 +13,9 @@ struct Leg {
   Vec3 from{}, to{};
   double before_m = 0;  ///< length of the unfolded path from its (virtual) source to `from`
   double total_m = 0;   ///< ... and to the end of the unfolded path
+
+  /// Where a path meets two surfaces in one point, in an edge of the room, there is nothing between them to be shadowed.
+  bool is_point() const { return glm::distance(from, to) < 1e-9; }
 };
 
 /// A body as seen along a leg.

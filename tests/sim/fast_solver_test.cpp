@@ -102,6 +102,11 @@ TEST(FastSolver, APathThroughAnEdgeOfTheRoomIsLikeItsNeighbours) {
   scene.snapshots = 1;
   scene.transmitter.position = {0.6, size.y / 2, 1.2};
   scene.receivers = {{{{size.x - 0.6, size.y / 2, 1.2}}}};
+  Body desk;  // with faces whose planes meet the walls there too
+  desk.shape = Shape::box;
+  desk.centre = {1.0, 1.0, 0.73};
+  desk.half_m = {0.3, 0.6, 0.015};
+  scene.furniture = {desk};
   const auto exactly = solve_reference(scene);
   EXPECT_LT(rms(difference(solve_fast(scene), exactly)) / rms(exactly), 1e-2);
   scene.receivers[0][0].position.y += 1e-6;
