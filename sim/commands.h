@@ -7,6 +7,7 @@ class App;
 
 namespace csipose::sim {
 void add_dataset(CLI::App& app);
+void add_live(CLI::App& app);
 void add_record(CLI::App& app);
 void add_solve(CLI::App& app);
 }  // namespace csipose::sim

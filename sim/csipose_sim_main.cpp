@@ -13,6 +13,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", "csipose-sim " CSIPOSE_VERSION " (" CSIPOSE_COMMIT ")");
   app.require_subcommand(1);
   csipose::sim::add_dataset(app);
+  csipose::sim::add_live(app);
   csipose::sim::add_record(app);
   csipose::sim::add_solve(app);
   try {

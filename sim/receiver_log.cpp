@@ -26,7 +26,7 @@ ReceiverBank::Heard ReceiverBank::hear(const Channel& channel) {
   return heard;
 }
 
-void ReceiverBank::send(const Channel& channel, std::array<std::vector<std::uint8_t>, kReceivers>& logs) {
+double ReceiverBank::send(const Channel& channel, std::array<std::vector<std::uint8_t>, kReceivers>& logs) {
   // Counters from 1: 0 is the word for "no counter known".
   const std::uint64_t counter = std::uint64_t{next_.number} + 1;
   const Heard heard = hear(channel);
@@ -36,6 +36,7 @@ void ReceiverBank::send(const Channel& channel, std::array<std::vector<std::uint
     logs[r].insert(logs[r].end(), frame.begin(), frame.end());
     append_bfee_record(*heard.records[r], logs[r]);
   }
+  return heard.sent_s;
 }
 
 }  // namespace csipose::sim

@@ -29,8 +29,8 @@ class ReceiverBank {
   Heard hear(const Channel& channel);
 
   /// Sends the next packet through `channel`, whose place on the grid is packet number / rate. Appends what
-  /// each receiver logs of it, or nothing.
-  void send(const Channel& channel, std::array<std::vector<std::uint8_t>, kReceivers>& logs);
+  /// each receiver logs of it, or nothing. Returns when it left, in seconds from packet 0's place.
+  double send(const Channel& channel, std::array<std::vector<std::uint8_t>, kReceivers>& logs);
 
   const Radio& radio(std::size_t receiver) const { return radios_[receiver]; }
   std::uint32_t packets_sent() const { return next_.number; }

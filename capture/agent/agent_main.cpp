@@ -5,51 +5,29 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <exception>
 #include <memory>
 
 #include "capture/agent/dat_player.h"
-#include "capture/agent/notify.h"
 #include "capture/agent/options.h"
 #include "capture/agent/outlet.h"
 #include "capture/frame_pairer.h"
 #include "capture/netlink.h"
 #include "proto/keys.h"
+#include "proto/notify.h"
 #include "proto/record_stream.h"
 #include "proto/result.h"
+#include "proto/stop_signals.h"
 #include "version.h"
 
 namespace csipose {
 namespace {
 
-volatile std::sig_atomic_t g_stop = 0;
-
 SteadyTime now_steady() {
   return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
 }
-
-/// Signals to stop arrive only inside ppoll(), so none is missed between a look at g_stop and the wait.
-class StopSignals {
- public:
-  StopSignals() {
-    struct sigaction action {};
-    action.sa_handler = [](int) { g_stop = 1; };
-    sigset_t stop;
-    sigemptyset(&stop);
-    for (const int signal : {SIGTERM, SIGINT}) {
-      sigaction(signal, &action, nullptr);
-      sigaddset(&stop, signal);
-    }
-    sigprocmask(SIG_BLOCK, &stop, &while_waiting_);
-  }
-  const sigset_t* while_waiting() const { return &while_waiting_; }
-
- private:
-  sigset_t while_waiting_{};
-};
 
 class Agent {
  public:
@@ -66,7 +44,7 @@ class Agent {
     notify_systemd("READY=1");
     const Nanoseconds watchdog = watchdog_interval();
     SteadyTime status_at = now_steady() + kStatusEvery, watchdog_at = now_steady();
-    while (!g_stop && !(player_ && player_->ended())) {
+    while (!StopSignals::wanted() && !(player_ && player_->ended())) {
       const SteadyTime now = now_steady();
       outlet_->tend(now);
       netlink_ ? pass_netlink() : play(now);

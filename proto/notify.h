@@ -1,4 +1,4 @@
-// capture/agent/notify.h - tells systemd how we are, by writing to its socket; nothing when systemd did not
+// proto/notify.h - tells systemd how we are, by writing to its socket; nothing when systemd did not
 // start us.
 #pragma once
 

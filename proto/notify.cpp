@@ -1,4 +1,4 @@
-#include "capture/agent/notify.h"
+#include "proto/notify.h"
 
 #include <sys/socket.h>
 #include <sys/un.h>

@@ -1,0 +1,220 @@
+#include "sim/live.h"
+
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/prctl.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <vector>
+
+#include "proto/notify.h"
+#include "proto/result.h"
+#include "proto/sealed_sender.h"
+#include "sim/packet_feed.h"
+#include "sim/truth_server.h"
+
+namespace csipose::sim {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr Nanoseconds kStatusEvery = 10s, kTendEvery = 50ms;
+constexpr Nanoseconds kStarvedWait = 1ms;  // between looks for a packet that is not made yet
+constexpr Nanoseconds kBehind = 100ms;     // so late, the rest is put off instead of being hurried
+constexpr double kAhead_s = 1;             // physics is so far ahead of the clock
+
+SteadyTime now_steady() {
+  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
+}
+UtcTime now_utc() { return std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()); }
+
+Point3 point(const Vec3& p) {
+  return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
+}
+
+TruthHello hello_of(const LiveOptions& options, const Scene& scene) {
+  TruthHello hello{options.what,
+                   options.seed,
+                   options.rate_hz,
+                   options.speed,
+                   options.impair_name,
+                   point(scene.room.size_m),
+                   point(scene.transmitter.position),
+                   {}};
+  for (const auto& antennas : scene.receivers)
+    hello.receivers_m.push_back(point(antennas[antennas.size() / 2].position));
+  return hello;
+}
+
+Truth truth_of(const SentPacket& packet, UtcTime sent) {
+  Truth truth{packet.counter, packet.grid_s, sent, {}, 0};
+  for (const Joints& person : packet.people) {
+    truth.people.push_back({static_cast<std::uint32_t>(truth.people.size() + 1), {}});
+    std::transform(person.begin(), person.end(), truth.people.back().joints.begin(), point);
+  }
+  return truth;
+}
+
+std::size_t depth_for(const LiveOptions& options) {
+  return std::max<std::size_t>(3 * kSamples,
+                               static_cast<std::size_t>(kAhead_s * options.rate_hz * options.speed));
+}
+
+/// When packets are due. Time that was missed is put off: nothing is sent faster than it should be to make up for it.
+class Pace {
+ public:
+  explicit Pace(double speed) : speed_(speed) {}
+  void start(SteadyTime now) { start_ = now; }
+  SteadyTime due(const SentPacket& packet) const { return start_ + from_seconds(packet.sent_s / speed_); }
+  /// The packet is sent now; how much all that follows is put off for it.
+  Nanoseconds sent(const SentPacket& packet, SteadyTime now) {
+    const Nanoseconds late = now - due(packet);
+    if (late < kBehind) return {};
+    start_ += late;
+    put_off_ += late;
+    return late;
+  }
+  Nanoseconds put_off() const { return put_off_; }
+
+ private:
+  double speed_;
+  SteadyTime start_{};
+  Nanoseconds put_off_{};
+};
+
+class Live {
+ public:
+  Live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const StopSignals& signals)
+      : options_(options), signals_(signals), pace_(options.speed) {
+    for (const AgentKey& key : options.keys) senders_.emplace_back(key, options.daemon);
+    if (!options.truth_socket.empty())
+      truth_ = std::make_unique<TruthServer>(options.truth_socket, hello_of(options, scene->still()));
+    ahead_ = std::make_unique<ReadAhead>(
+        PacketFeed(std::move(scene), options.radio, options.seed, options.clip, options.rate_hz),
+        depth_for(options));
+  }
+
+  void run() {
+    prctl(PR_SET_TIMERSLACK, 1UL);  // wake when asked, not up to 50 us later
+    notify_systemd("READY=1");
+    status_at_ = now_steady() + kStatusEvery;
+    while (!StopSignals::wanted() && !over_) {
+      const SteadyTime now = now_steady();
+      if (now >= tend_at_) tend(now);
+      if (!playing_) begin_when_answered(now);
+      if (playing_) send_due();
+      wait();
+    }
+    report(now_steady());
+  }
+
+ private:
+  void tend(SteadyTime now) {
+    tend_at_ = now + kTendEvery;
+    for (SealedSender& sender : senders_) sender.tend(now);
+    if (truth_) truth_->admit();
+    if (now >= status_at_) {
+      report(now);
+      status_at_ += kStatusEvery;
+    }
+    if (const Nanoseconds watchdog = watchdog_interval(); watchdog > 0ns && now >= watchdog_at_) {
+      notify_systemd("WATCHDOG=1");
+      watchdog_at_ = now + watchdog;
+    }
+  }
+
+  void begin_when_answered(SteadyTime now) {
+    const bool all = std::all_of(senders_.begin(), senders_.end(),
+                                 [&](const SealedSender& sender) { return sender.connected(now); });
+    if (!all || ahead_->front() == nullptr) return;
+    pace_.start(now);
+    playing_ = true;
+  }
+
+  void send_due() {
+    starved_ = false;
+    while (const SentPacket* packet = ahead_->front()) {
+      const SteadyTime now = now_steady();
+      if (options_.seconds && packet->grid_s >= *options_.seconds) {
+        over_ = true;
+        return;
+      }
+      next_at_ = pace_.due(*packet);
+      if (next_at_ > now) return;
+      note_delay(pace_.sent(*packet, now), now);
+      send(*packet, now);
+      ahead_->pop();
+    }
+    starved_ = true;
+    ++starvations_;
+  }
+
+  void send(const SentPacket& packet, SteadyTime now) {
+    const UtcTime sent = now_utc();
+    for (std::size_t r = 0; r < kReceivers; ++r)
+      if (!packet.records[r].empty()) senders_[r].send(ByteView(packet.records[r]), now);
+    if (truth_ && truth_->readers() > 0) truth_->send(truth_of(packet, sent));
+    simulated_s_ = packet.grid_s;
+    ++packets_;
+  }
+
+  void note_delay(Nanoseconds put_off, SteadyTime now) {
+    if (put_off == 0ns || now < complain_at_) return;
+    complain_at_ = now + kStatusEvery;
+    say(fmt::format("cannot keep up: {:.2f} s behind the clock so far. {}", seconds(pace_.put_off()),
+                    starvations_ > 0
+                        ? "The physics takes longer than the time it describes: fewer people, a lower "
+                          "--rate or a lower --speed would do."
+                        : "This host gave the program no time to send; is it busy with something else?"));
+  }
+
+  void wait() {
+    const SteadyTime now = now_steady();
+    SteadyTime until = tend_at_;
+    if (playing_) until = std::min(until, starved_ ? now + kStarvedWait : next_at_);
+    const std::int64_t left = std::max<std::int64_t>(0, ns(until - now));
+    const timespec timeout = {static_cast<time_t>(left / 1'000'000'000),
+                              static_cast<long>(left % 1'000'000'000)};
+    // Answers of the daemon and readers of the truth can wait until tend().
+    if (::ppoll(nullptr, 0, &timeout, signals_.while_waiting()) < 0 && errno != EINTR)
+      throw SetupError(ExitStatus::os_refusal, fmt::format("waiting: {}", std::strerror(errno)));
+  }
+
+  void report(SteadyTime now) {
+    const std::string status = fmt::format(
+        "{}{:.1f} s simulated, {} packets, {} ahead, {:.2f} s put off, {} reading the truth",
+        playing_ ? "" : fmt::format("waiting for an answer from {}; ", options_.daemon), simulated_s_,
+        packets_, ahead_->ready(), seconds(pace_.put_off()), truth_ ? truth_->readers() : 0);
+    say(status);
+    for (std::size_t r = 0; r < kReceivers; ++r)
+      say(fmt::format("{}: {}", options_.keys[r].name, senders_[r].status(now)));
+    notify_systemd("STATUS=" + status);
+  }
+
+  static void say(const std::string& words) {
+    std::fprintf(stderr, "csipose-sim: live: %s\n", words.c_str());
+  }
+
+  const LiveOptions& options_;
+  const StopSignals& signals_;
+  std::vector<SealedSender> senders_;
+  std::unique_ptr<TruthServer> truth_;
+  std::unique_ptr<ReadAhead> ahead_;
+  Pace pace_;
+  SteadyTime tend_at_{}, status_at_{}, watchdog_at_{}, complain_at_{}, next_at_{};
+  bool playing_ = false, over_ = false, starved_ = false;
+  double simulated_s_ = 0;
+  std::uint64_t packets_ = 0, starvations_ = 0;
+};
+
+}  // namespace
+
+void run_live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const StopSignals& signals) {
+  Live(options, std::move(scene), signals).run();
+}
+
+}  // namespace csipose::sim
