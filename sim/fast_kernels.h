@@ -43,11 +43,6 @@ struct LegColumns {
   const float *x, *y, *z, *ux, *uy, *uz, *length, *before, *total;
   int count;
 };
-/// Balls around bodies, padded to a multiple of 16 with balls far away.
-struct BallColumns {
-  const float *x, *y, *z, *radius;
-  int count;
-};
 struct Ball {
   float x, y, z, radius;
 };
@@ -78,6 +73,17 @@ struct ShadowLanes {
   float points[16];              ///< ... and how many points its outline wants
 };
 
+/// Bodies, column by column, padded to a multiple of 16 with balls of no size far away: the lanes of ShadowLanes.
+struct BodyColumns {
+  const float *centre[3], *j[9], *radius, *kind;
+  int count;
+};
+/// Sixteen outlines of ellipsoids at once, with equally many points.
+struct OutlineLanes {
+  float x[16], y[16], ax[16], ay[16], by[16];  ///< as in ShadowLanes
+  float re[16], im[16];                        ///< out: the integrals over 2 pi
+};
+
 /// One path's tones: 32 of them, the last ones padding.
 struct ToneSum {
   float re[32], im[32];
@@ -86,18 +92,19 @@ struct ToneSum {
 struct FastKernels {
   std::string_view name;
   /// Outline integrals of shadow.h over 2 pi. `cosines`, `sines`: `points` (a multiple of 16) of one turn.
-  void (*ellipse)(const EllipseOutline&, const float* cosines, const float* sines, int points, float sum[2]);
+  void (*ellipses)(OutlineLanes&, const float* cosines, const float* sines, int points);
   void (*edges)(const EdgePiece*, int count, float sum[2]);
   void (*arcs)(const ArcPiece*, int count, float sum[2]);
   /// Aperture factors of body.h.
   void (*face)(const FaceEdge*, int count, const MirrorRay&, float sum[2]);
   void (*rim)(const FaceRim&, const MirrorRay&, const float* cosines, const float* sines, int points,
               float sum[2]);
-  /// Indices of legs or balls so close that a shadow may be more than nothing; returns how many.
+  /// Indices of legs so close that a shadow may be more than nothing; returns how many.
   int (*near_legs)(const LegColumns&, const Ball&, float two_over_lambda, std::uint32_t* found);
-  int (*near_balls)(const BallColumns&, const LegRow&, float two_over_lambda, std::uint32_t* found);
   void (*ellipsoids)(EllipsoidLanes&);
   void (*shadow_views)(ShadowLanes&, float two_over_lambda);
+  /// One leg against the bodies block .. block + 15; false, and nothing written, when all are clear of it.
+  bool (*leg_views)(const BodyColumns&, int block, const LegRow&, float two_over_lambda, ShadowLanes&);
   /// sum += (re, im) e^{-j 2 pi (turns + offsets[k] delay)}, offsets in Hz.
   void (*add_path)(ToneSum& sum, float re, float im, float turns, float delay_s, const float offsets_hz[32]);
   /// sum += (re, im) * path, tone by tone.

@@ -123,11 +123,16 @@ CirclePoints::CirclePoints() {
     }
 }
 
-CirclePoints::Row CirclePoints::at_least(double wanted) const {
-  const int rows =
-      std::clamp(static_cast<int>(std::ceil(wanted / kSmallestCircle)), 1, kLargestCircle / kSmallestCircle);
-  const int offset = kSmallestCircle * rows * (rows - 1) / 2;
-  return {cosines_.data() + offset, sines_.data() + offset, kSmallestCircle * rows};
+std::size_t CirclePoints::rows() const { return kLargestCircle / kSmallestCircle; }
+
+CirclePoints::Row CirclePoints::row(std::size_t i) const {
+  const std::size_t offset = kSmallestCircle * i * (i + 1) / 2;
+  return {cosines_.data() + offset, sines_.data() + offset, kSmallestCircle * static_cast<int>(i + 1)};
+}
+
+std::size_t CirclePoints::row_for(double wanted) const {
+  const int points = static_cast<int>(std::min(wanted, 1.0 * kLargestCircle));
+  return static_cast<std::size_t>(std::max(0, (points - 1) / kSmallestCircle));
 }
 
 const CirclePoints& circle_points() {
@@ -164,8 +169,8 @@ std::complex<double> FastOptics::aperture(const Face& face, const Vec3& image, c
   const auto row = [&](const Vec3& p) { return Vec3{glm::dot(p, ex), glm::dot(p, ey), glm::dot(p, along)}; };
   const Vec3 centre = row(c), a = row(face.u), b = row(face.v);
   const double per_metre = std::sqrt(2 / wavelength_m_ * (1.0 / ray.d1 + 1.0 / ray.d2));
-  const auto circle = circle_points().at_least(
-      outline_points({per_metre * Vec2(centre), per_metre * Vec2(a), per_metre * Vec2(b)}));
+  const auto circle = circle_points().row(circle_points().row_for(
+      outline_points({per_metre * Vec2(centre), per_metre * Vec2(a), per_metre * Vec2(b)})));
   float sum[2];
   kernels_.rim({f(centre.x), f(centre.y), f(centre.z), f(a.x), f(a.y), f(a.z), f(b.x), f(b.y), f(b.z)}, ray,
                circle.cosines, circle.sines, circle.points, sum);
@@ -210,15 +215,39 @@ LegRow leg_row(const Leg& leg) {
           f(along.z),    f(length_m),   f(leg.before_m), f(leg.total_m)};
 }
 
-std::complex<float> FastOptics::outline(const ShadowLanes& lanes, std::size_t lane, Shape shape) const {
+void BodyTable::assign(std::span<const BodyRow> bodies) {
+  constexpr float kFarAway_m = 1e6;
+  for (auto& column : columns_) column.clear();
+  shapes_.clear();
+  const auto push = [&](const BodyRow& body) {
+    std::size_t c = 0;
+    for (const float x : body.centre) columns_[c++].push_back(x);
+    for (const float x : body.j) columns_[c++].push_back(x);
+    columns_[c++].push_back(body.radius);
+    columns_[c].push_back(static_cast<float>(body.shape));
+    shapes_.push_back(body.shape);
+  };
+  for (const BodyRow& body : bodies) push(body);
+  while (shapes_.size() % 16 != 0)
+    push({{kFarAway_m, kFarAway_m, kFarAway_m}, {1, 0, 0, 0, 1, 0, 0, 0, 1}, 0, Shape::ellipsoid});
+}
+
+BodyColumns BodyTable::view() const {
+  BodyColumns view{};
+  for (std::size_t i = 0; i < 3; ++i) view.centre[i] = columns_[i].data();
+  for (std::size_t i = 0; i < 9; ++i) view.j[i] = columns_[3 + i].data();
+  view.radius = columns_[12].data();
+  view.kind = columns_[13].data();
+  view.count = static_cast<int>(shapes_.size());
+  return view;
+}
+
+std::complex<float> FastOptics::straight_outline(const ShadowLanes& lanes, std::size_t lane,
+                                                 Shape shape) const {
   float sum[2], more[2] = {0, 0};
   const Flat centre{lanes.x[lane], lanes.y[lane]};
   const auto axis = [&](std::size_t i) { return Flat{lanes.px[i][lane], lanes.py[i][lane]}; };
-  if (shape == Shape::ellipsoid) {
-    const auto circle = circle_points().at_least(lanes.points[lane]);
-    kernels_.ellipse({centre.x, centre.y, lanes.ax[lane], lanes.ay[lane], 0, lanes.by[lane]}, circle.cosines,
-                     circle.sines, circle.points, sum);
-  } else if (shape == Shape::box) {
+  if (shape == Shape::box) {
     const auto edges = box_outline(centre, {axis(0), axis(1), axis(2)});
     kernels_.edges(edges.data(), 6, sum);
   } else {
@@ -229,8 +258,37 @@ std::complex<float> FastOptics::outline(const ShadowLanes& lanes, std::size_t la
   return {sum[0] + more[0], sum[1] + more[1]};
 }
 
-void FastOptics::shadows(std::span<const Job> jobs, std::vector<std::complex<float>>& factors) const {
-  factors.assign(jobs.size(), 1.0f);
+void FastOptics::begin_shadows(std::size_t count) {
+  factors_.assign(count, 1.0f);
+  waiting_.resize(circle_points().rows());
+}
+
+void FastOptics::integrate(Waiting& waiting, std::size_t row) {
+  const auto circle = circle_points().row(row);
+  kernels_.ellipses(waiting.lanes, circle.cosines, circle.sines, circle.points);
+  for (std::size_t i = 0; i < waiting.count; ++i)
+    factors_[waiting.target[i]] *=
+        1.0f - waiting.weight[i] * std::complex<float>(waiting.lanes.re[i], waiting.lanes.im[i]);
+  waiting.count = 0;
+}
+
+void FastOptics::add_view(const ShadowLanes& lanes, std::size_t lane, Shape shape, std::uint32_t target) {
+  if (shape != Shape::ellipsoid) {
+    factors_[target] *= 1.0f - lanes.weight[lane] * straight_outline(lanes, lane, shape);
+    return;
+  }
+  const std::size_t row = circle_points().row_for(lanes.points[lane]);
+  Waiting& waiting = waiting_[row];
+  const std::size_t i = waiting.count++;
+  waiting.lanes.x[i] = lanes.x[lane], waiting.lanes.y[i] = lanes.y[lane];
+  waiting.lanes.ax[i] = lanes.ax[lane], waiting.lanes.ay[i] = lanes.ay[lane];
+  waiting.lanes.by[i] = lanes.by[lane];
+  waiting.weight[i] = lanes.weight[lane];
+  waiting.target[i] = target;
+  if (waiting.count == waiting.weight.size()) integrate(waiting, row);
+}
+
+void FastOptics::add_shadows(std::span<const Job> jobs) {
   ShadowLanes lanes;
   for (std::size_t first = 0; first < jobs.size(); first += 16) {
     for (std::size_t lane = 0; lane < 16; ++lane) {
@@ -240,8 +298,25 @@ void FastOptics::shadows(std::span<const Job> jobs, std::vector<std::complex<flo
     kernels_.shadow_views(lanes, f(2 / wavelength_m_));
     for (std::size_t lane = 0; lane < 16 && first + lane < jobs.size(); ++lane)
       if (lanes.weight[lane] > 0)
-        factors[first + lane] -= lanes.weight[lane] * outline(lanes, lane, jobs[first + lane].body->shape);
+        add_view(lanes, lane, jobs[first + lane].body->shape, jobs[first + lane].target);
   }
+}
+
+void FastOptics::add_shadows(const LegRow& leg, const BodyTable& bodies, int own, std::uint32_t target) {
+  ShadowLanes lanes;
+  const BodyColumns columns = bodies.view();
+  for (int block = 0; block < columns.count; block += 16) {
+    if (!kernels_.leg_views(columns, block, leg, f(2 / wavelength_m_), lanes)) continue;
+    for (std::size_t lane = 0; lane < 16; ++lane)
+      if (lanes.weight[lane] > 0 && block + static_cast<int>(lane) != own)
+        add_view(lanes, lane, bodies.shape(static_cast<std::size_t>(block) + lane), target);
+  }
+}
+
+std::span<const std::complex<float>> FastOptics::take_shadows() {
+  for (std::size_t row = 0; row < waiting_.size(); ++row)
+    if (waiting_[row].count > 0) integrate(waiting_[row], row);
+  return factors_;
 }
 
 }  // namespace csipose::sim

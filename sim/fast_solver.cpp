@@ -15,6 +15,7 @@ namespace csipose::sim {
 namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr std::size_t kTonesPerSum = 32;
+constexpr std::size_t kShadowsEvery = 2, kBodyPathsEvery = 4;  // snapshots; the others are interpolated
 constexpr float kNewtonFound =
     1e-4f;  // |T^T g| above this: three updates did not find it, the reference solver must
 constexpr float kFarAway_m = 1e6;  // padding of columns: near nothing
@@ -24,8 +25,8 @@ float f(double x) { return static_cast<float>(x); }
 /// Which snapshots are computed in full, and how the others follow from them: cubic in time through the four nearest.
 class KeySnapshots {
  public:
-  explicit KeySnapshots(std::size_t snapshots) {
-    for (std::size_t t = 0; t < snapshots; t += 2) keys_.push_back(t);
+  KeySnapshots(std::size_t snapshots, std::size_t every) {
+    for (std::size_t t = 0; t < snapshots; t += every) keys_.push_back(t);
     if (snapshots > 0 && keys_.back() != snapshots - 1) keys_.push_back(snapshots - 1);
     for (std::size_t t = 0; t < snapshots; ++t) blends_.push_back(blend_at(t));
   }
@@ -86,37 +87,57 @@ struct LegTable {
   }
 };
 
-/// Bounding balls of one snapshot's bodies, padded.
-struct BallTable {
-  std::array<std::vector<float>, 4> columns;
-
-  explicit BallTable(const std::vector<BodyRow>& bodies) {
-    for (const BodyRow& body : bodies) push({body.centre[0], body.centre[1], body.centre[2], body.radius});
-    while (columns[0].size() % 16 != 0) push({kFarAway_m, kFarAway_m, kFarAway_m, 0});
-  }
-  BallColumns view() const {
-    return {columns[0].data(), columns[1].data(), columns[2].data(), columns[3].data(),
-            static_cast<int>(columns[0].size())};
-  }
-
- private:
-  void push(const std::array<float, 4>& row) {
-    for (std::size_t i = 0; i < row.size(); ++i) columns[i].push_back(row[i]);
-  }
-};
-
 /// One question to the ellipsoid kernel.
 struct EllipsoidTask {
   std::size_t body, pair, receiver;
   Vec3 source, sink;
 };
 
-/// A path by a body that waits for its shadows.
-struct Pending {
+/// A path by a body at one instant.
+struct BodyPath {
   std::complex<double> amplitude;
-  std::size_t receiver;
   double length_m, bend_m;  ///< to the array's middle; radius of the wave front there
   Vec3 last;                ///< unit, direction of arrival
+  Vec3 slope;               ///< of the length over the body's place
+};
+/// One that waits for its shadows.
+struct Pending {
+  BodyPath path;
+  std::size_t slot;
+};
+
+/// Where paths by bodies have their place: by receiver, pair and reflecting part.
+class PathSlots {
+ public:
+  void assign(const std::vector<Body>& bodies, std::size_t ways) {
+    first_.clear();
+    std::size_t parts = 0;
+    for (const Body& body : bodies) {
+      first_.push_back(parts);
+      parts += body.shape == Shape::ellipsoid ? 1 : body.shape == Shape::box ? 6 : 3;
+    }
+    parts_ = parts;
+    body_of_part_.resize(parts);
+    for (std::size_t b = 0; b < bodies.size(); ++b)
+      for (std::size_t i = first_[b]; i < (b + 1 < bodies.size() ? first_[b + 1] : parts); ++i)
+        body_of_part_[i] = b;
+    count_ = parts * ways;
+  }
+  /// `way`: receiver * pairs + pair.
+  std::size_t slot(std::size_t way, std::size_t body, int face) const {
+    const int part = face == kWholeSurface   ? 0
+                     : face < kCylinderTop   ? face
+                     : face == kCylinderSide ? 2
+                                             : face - kCylinderTop;
+    return way * parts_ + first_[body] + static_cast<std::size_t>(part);
+  }
+  std::size_t count() const { return count_; }
+  std::size_t way(std::size_t slot) const { return slot / parts_; }
+  std::size_t body(std::size_t slot) const { return body_of_part_[slot % parts_]; }
+
+ private:
+  std::vector<std::size_t> first_, body_of_part_;
+  std::size_t parts_ = 0, count_ = 0;
 };
 /// How body `body` dims leg `leg` of pending path `path`.
 struct Question {
@@ -142,12 +163,14 @@ class FastSolver::Impl {
 
   void compute_shadows(Snapshots bodies, const KeySnapshots& keys);
   void apply_shadows(std::size_t snapshots, const KeySnapshots& keys);
-  void add_bodies(const std::vector<Body>& bodies, std::size_t t);
+  void find_body_paths(Snapshots bodies, const KeySnapshots& keys, std::size_t key);
+  void add_body_paths(Snapshots bodies, const KeySnapshots& keys);
+  BodyPath between_keys(Snapshots bodies, const KeySnapshots& keys, std::size_t slot, std::size_t t) const;
   void reflect_on_ellipsoids(const std::vector<Body>& bodies, const std::vector<EllipsoidTask>& tasks);
   void add_reflection(const std::vector<Body>& bodies, const Reflection& r, const EllipsoidTask& task);
-  void ask_for_shadows(const Leg& leg, std::size_t own, bool touches_own);
-  void finish_pending(std::size_t t);
-  void add_to_antennas(const Pending& path, std::size_t t);
+  void ask_for_shadows_of(const Body& body);
+  void finish_pending(std::size_t keys, std::size_t key);
+  void add_to_antennas(const BodyPath& path, std::size_t receiver, std::size_t t);
   void write(std::size_t snapshots, std::span<std::complex<float>> out) const;
 
   Scene scene_;
@@ -172,15 +195,15 @@ class FastSolver::Impl {
   std::vector<char> shadowed_;   ///< [path]
   std::vector<std::uint32_t> near_;
   std::vector<FastOptics::Job> jobs_;
-  std::vector<std::complex<float>> job_factors_;
   std::vector<Reflection> found_;
+
+  PathSlots slots_;
+  std::vector<std::optional<BodyPath>> paths_;  ///< [slot][key]
 
   // Of the snapshot at hand.
   std::vector<BodyRow> body_rows_;
-  std::optional<BallTable> balls_;
+  BodyTable body_table_;
   std::vector<Pending> pending_;
-  std::vector<LegRow> pending_legs_;
-  std::vector<Question> questions_;
 };
 
 FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
@@ -238,10 +261,13 @@ void FastSolver::Impl::solve(Snapshots bodies, std::span<std::complex<float>> ou
   sums_.clear();
   for (std::size_t t = 0; t < bodies.size(); ++t)
     sums_.insert(sums_.end(), static_sum_.begin(), static_sum_.end());
-  const KeySnapshots keys(bodies.size());
-  compute_shadows(bodies, keys);
-  apply_shadows(bodies.size(), keys);
-  for (std::size_t t = 0; t < bodies.size(); ++t) add_bodies(bodies[t], t);
+  const KeySnapshots shadow_keys(bodies.size(), kShadowsEvery), path_keys(bodies.size(), kBodyPathsEvery);
+  compute_shadows(bodies, shadow_keys);
+  apply_shadows(bodies.size(), shadow_keys);
+  slots_.assign(bodies[0], middles_.size() * pairs_.size());
+  paths_.assign(slots_.count() * path_keys.keys().size(), std::nullopt);
+  for (std::size_t key = 0; key < path_keys.keys().size(); ++key) find_body_paths(bodies, path_keys, key);
+  add_body_paths(bodies, path_keys);
   write(bodies.size(), out);
 }
 
@@ -250,22 +276,29 @@ void FastSolver::Impl::compute_shadows(Snapshots bodies, const KeySnapshots& key
   factors_.assign(all * key_count, 1.0f);
   shadowed_.assign(all, 0);
   near_.resize(legs_.columns[0].size() + 16);
-  for (std::size_t key = 0; key < key_count; ++key)
-    for (const Body& body : bodies[keys.keys()[key]]) {
-      const BodyRow row = body_row(body);
-      const Ball ball{row.centre[0], row.centre[1], row.centre[2], row.radius};
-      const int count = kernels_.near_legs(legs_.view(), ball, f(2 / lambda_m_), near_.data());
-      jobs_.clear();
-      for (int i = 0; i < count; ++i)
-        jobs_.push_back({&legs_.rows[near_[static_cast<std::size_t>(i)]], &row});
-      optics_.shadows(jobs_, job_factors_);
-      for (std::size_t i = 0; i < jobs_.size(); ++i) {
-        if (job_factors_[i] == 1.0f) continue;
-        const std::uint32_t path = legs_.path[near_[i]];
-        factors_[path * key_count + key] *= job_factors_[i];
-        shadowed_[path] = 1;
-      }
+  for (std::size_t key = 0; key < key_count; ++key) {
+    optics_.begin_shadows(all);
+    for (const Body& body : bodies[keys.keys()[key]]) ask_for_shadows_of(body);
+    const auto factors = optics_.take_shadows();
+    for (std::size_t path = 0; path < all; ++path) {
+      if (factors[path] == 1.0f) continue;
+      factors_[path * key_count + key] = factors[path];
+      shadowed_[path] = 1;
     }
+  }
+}
+
+/// On all legs of static paths.
+void FastSolver::Impl::ask_for_shadows_of(const Body& body) {
+  const BodyRow row = body_row(body);
+  const Ball ball{row.centre[0], row.centre[1], row.centre[2], row.radius};
+  const int count = kernels_.near_legs(legs_.view(), ball, f(2 / lambda_m_), near_.data());
+  jobs_.clear();
+  for (int i = 0; i < count; ++i) {
+    const std::uint32_t leg = near_[static_cast<std::size_t>(i)];
+    jobs_.push_back({&legs_.rows[leg], &row, legs_.path[leg]});
+  }
+  optics_.add_shadows(jobs_);
 }
 
 void FastSolver::Impl::apply_shadows(std::size_t snapshots, const KeySnapshots& keys) {
@@ -284,15 +317,14 @@ void FastSolver::Impl::apply_shadows(std::size_t snapshots, const KeySnapshots& 
   }
 }
 
-void FastSolver::Impl::add_bodies(const std::vector<Body>& bodies, std::size_t t) {
+void FastSolver::Impl::find_body_paths(Snapshots snapshots, const KeySnapshots& keys, std::size_t key) {
+  const std::vector<Body>& bodies = snapshots[keys.keys()[key]];
   body_rows_.clear();
   for (const Body& body : bodies) body_rows_.push_back(body_row(body));
   body_rows_.insert(body_rows_.end(), furniture_rows_.begin(), furniture_rows_.end());
-  balls_.emplace(body_rows_);
+  body_table_.assign(body_rows_);
   pending_.clear();
-  pending_legs_.clear();
-  jobs_.clear();
-  near_.resize(std::max(near_.size(), balls_->columns[0].size() + 16));
+  optics_.begin_shadows(slots_.count());
   std::vector<EllipsoidTask> ellipsoids;
   for (std::size_t r = 0; r < middles_.size(); ++r)
     for (std::size_t b = 0; b < bodies.size(); ++b)
@@ -308,7 +340,50 @@ void FastSolver::Impl::add_bodies(const std::vector<Body>& bodies, std::size_t t
         for (const Reflection& found : found_) add_reflection(bodies, found, task);
       }
   reflect_on_ellipsoids(bodies, ellipsoids);
-  finish_pending(t);
+  finish_pending(keys.keys().size(), key);
+}
+
+/// Amplitude and length change smoothly, and are interpolated between keys. The length follows each key's body to where it
+/// really is: a body that bounces off a wall between two keys is met exactly to first order.
+BodyPath FastSolver::Impl::between_keys(Snapshots bodies, const KeySnapshots& keys, std::size_t slot,
+                                        std::size_t t) const {
+  const auto& blend = keys.blend(t);
+  const std::size_t body = slots_.body(slot);
+  const std::optional<BodyPath>* at_keys = &paths_[slot * keys.keys().size()];
+  BodyPath path{};
+  for (std::size_t i = 0; i < blend.count; ++i) {
+    std::size_t key = blend.first + i;
+    const bool there = at_keys[key].has_value();
+    // Out of sight at this key: nothing comes from there, but it has a length; that of the nearest key in sight.
+    for (std::size_t step = 1; !at_keys[key]; ++step) {
+      const std::size_t at = blend.first + i;
+      if (at >= step && at_keys[at - step])
+        key = at - step;
+      else if (at + step < keys.keys().size() && at_keys[at + step])
+        key = at + step;
+    }
+    const BodyPath& known = *at_keys[key];
+    const double weight = blend.weight[i];
+    const Vec3 moved = bodies[t][body].centre - bodies[keys.keys()[key]][body].centre;
+    if (there) path.amplitude += weight * known.amplitude;
+    path.length_m += weight * (known.length_m + glm::dot(known.slope, moved));
+    path.bend_m += weight * known.bend_m;
+    path.last += weight * known.last;
+  }
+  return path;
+}
+
+void FastSolver::Impl::add_body_paths(Snapshots bodies, const KeySnapshots& keys) {
+  const std::size_t key_count = keys.keys().size();
+  for (std::size_t slot = 0; slot < slots_.count(); ++slot) {
+    const auto* at_keys = &paths_[slot * key_count];
+    if (std::none_of(at_keys, at_keys + key_count, [](const auto& path) { return path.has_value(); }))
+      continue;
+    for (std::size_t t = 0; t < bodies.size(); ++t) {
+      const BodyPath path = between_keys(bodies, keys, slot, t);
+      if (path.amplitude != 0.0) add_to_antennas(path, slots_.way(slot) / pairs_.size(), t);
+    }
+  }
 }
 
 void FastSolver::Impl::reflect_on_ellipsoids(const std::vector<Body>& bodies,
@@ -341,17 +416,6 @@ void FastSolver::Impl::reflect_on_ellipsoids(const std::vector<Body>& bodies,
   }
 }
 
-void FastSolver::Impl::ask_for_shadows(const Leg& leg, std::size_t own, bool touches_own) {
-  if (leg.is_point()) return;
-  const LegRow row = leg_row(leg);
-  const int count = kernels_.near_balls(balls_->view(), row, f(2 / lambda_m_), near_.data());
-  pending_legs_.push_back(row);
-  for (int i = 0; i < count; ++i) {
-    const std::size_t b = near_[static_cast<std::size_t>(i)];
-    if (!(touches_own && b == own)) questions_.push_back({pending_.size(), pending_legs_.size() - 1, b});
-  }
-}
-
 void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Reflection& r,
                                       const EllipsoidTask& task) {
   if (std::abs(r.spreading) * r.s1_m < kWeakestReflection) return;
@@ -364,32 +428,35 @@ void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Ref
       scene_.transmitter, rx, way.points_span(), way.normals_span(), [&](std::size_t i, double cosine) {
         return i == way.body_bounce ? surface.at(cosine) : wall_tables_[way.wall_of(i)].at(cosine);
       });
-  for (std::size_t i = 0; i < way.legs; ++i) ask_for_shadows(way.leg(i, r), task.body, way.touches_body(i));
-  pending_.push_back({lambda_m_ / (4 * kPi) * r.spreading * gain, task.receiver, r.s1_m + r.s2_m,
-                      r.caustic_m + r.s2_m, glm::normalize(rx.position - way.points[way.legs - 1])});
+  const std::size_t slot = slots_.slot(task.receiver * pairs_.size() + task.pair, task.body, r.face);
+  for (std::size_t i = 0; i < way.legs; ++i)
+    if (const Leg leg = way.leg(i, r); !leg.is_point())
+      optics_.add_shadows(leg_row(leg), body_table_, way.touches_body(i) ? static_cast<int>(task.body) : -1,
+                          static_cast<std::uint32_t>(slot));
+  const Vec3 slope = glm::normalize(r.point - task.source) + glm::normalize(r.point - task.sink);
+  pending_.push_back({{lambda_m_ / (4 * kPi) * r.spreading * gain, r.s1_m + r.s2_m, r.caustic_m + r.s2_m,
+                       glm::normalize(rx.position - way.points[way.legs - 1]), slope},
+                      slot});
 }
 
-void FastSolver::Impl::finish_pending(std::size_t t) {
-  for (const Question& question : questions_)
-    jobs_.push_back({&pending_legs_[question.leg], &body_rows_[question.body]});
-  optics_.shadows(jobs_, job_factors_);
-  for (std::size_t i = 0; i < questions_.size(); ++i)
-    pending_[questions_[i].path].amplitude *= std::complex<double>(job_factors_[i]);
-  questions_.clear();
-  for (const Pending& path : pending_) add_to_antennas(path, t);
+void FastSolver::Impl::finish_pending(std::size_t keys, std::size_t key) {
+  const auto factors = optics_.take_shadows();
+  for (Pending& pending : pending_) {
+    pending.path.amplitude *= std::complex<double>(factors[pending.slot]);
+    paths_[pending.slot * keys + key] = pending.path;
+  }
 }
 
-void FastSolver::Impl::add_to_antennas(const Pending& path, std::size_t t) {
+void FastSolver::Impl::add_to_antennas(const BodyPath& path, std::size_t receiver, std::size_t t) {
   // From the middle of the array to its antennas: along the ray, and across it as the wave front bends.
   for (std::size_t a = 0; a < per_receiver_; ++a) {
-    const Vec3 step =
-        antennas_[path.receiver * per_receiver_ + a].position - middles_[path.receiver].position;
+    const Vec3 step = antennas_[receiver * per_receiver_ + a].position - middles_[receiver].position;
     const double onward_m = glm::dot(step, path.last);
     const double length_m =
         path.length_m + onward_m + (glm::dot(step, step) - onward_m * onward_m) / (2 * path.bend_m);
     const double cycles = scene_.carrier_hz / kSpeedOfLight_m_s * length_m,
                  turns = cycles - std::floor(cycles);
-    ToneSum* sum = sum_at(t, path.receiver * per_receiver_ + a);
+    ToneSum* sum = sum_at(t, receiver * per_receiver_ + a);
     for (std::size_t b = 0; b < blocks_; ++b)
       kernels_.add_path(sum[b], f(path.amplitude.real()), f(path.amplitude.imag()), f(turns),
                         f(length_m / kSpeedOfLight_m_s), &offsets_hz_[b * kTonesPerSum]);

@@ -4,7 +4,8 @@
 //   - paths by walls and furniture only are static: each is one row of tones, made once, exactly; a snapshot adds (F - 1)
 //     times the shadowed rows
 //   - shadows of these paths are computed at every second snapshot and cubically interpolated in time
-//   - reflections by bodies are solved at the middle of each array and carried to its antennas along the ray
+//   - reflections by bodies are solved at every fourth snapshot and at the middle of each array; their amplitudes and lengths
+//     are interpolated in time and carried to the antennas along the ray
 //   - reflection coefficients come from tables over the angle
 //   - outlines, Newton's steps, near-checks and tones go sixteen at a time (fast_kernels.h)
 // One thread; give each thread its own solver. Results do not depend on how work is spread.
