@@ -9,5 +9,6 @@ namespace csipose::sim {
 void add_dataset(CLI::App& app);
 void add_live(CLI::App& app);
 void add_record(CLI::App& app);
+void add_render(CLI::App& app);
 void add_solve(CLI::App& app);
 }  // namespace csipose::sim

@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
   csipose::sim::add_dataset(app);
   csipose::sim::add_live(app);
   csipose::sim::add_record(app);
+  csipose::sim::add_render(app);
   csipose::sim::add_solve(app);
   try {
     app.parse(argc, argv);

@@ -93,7 +93,7 @@ struct MeshSurfaces::Search {
 };
 
 MeshSurfaces::MeshSurfaces(const Mesh& mesh, const std::vector<Surface>& surfaces)
-    : polygons_(polygons_of(mesh)), surfaces_(surfaces) {
+    : mesh_(mesh), polygons_(polygons_of(mesh)), surfaces_(surfaces) {
   rays_.add(mesh);
   rays_.commit();
 }

@@ -35,6 +35,7 @@ class MeshSurfaces final : public StillSurfaces {
 
   std::vector<StillPath> paths(const Vec3& tx, const Vec3& rx, int order) const override;
   bool is_open(const Vec3& from, const Vec3& to) const override { return !rays_.is_blocked(from, to); }
+  const Mesh& mesh() const override { return mesh_; }
   std::size_t polygons() const { return polygons_.size(); }
   /// Whether something lies above and below: a device in a room without floor, or outside it, is a mistake.
   bool is_indoors(const Vec3& p) const;
@@ -44,6 +45,7 @@ class MeshSurfaces final : public StillSurfaces {
   void extend(Search& search) const;
   void close(Search& search) const;
 
+  Mesh mesh_;
   std::vector<Polygon> polygons_;
   std::vector<Surface> surfaces_;
   RayScene rays_;

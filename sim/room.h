@@ -16,6 +16,8 @@
 
 namespace csipose::sim {
 
+struct Mesh;
+
 enum class Wall : std::uint8_t { x0, x1, y0, y1, z0, z1 };
 inline constexpr std::size_t kWalls = 6;
 inline constexpr std::array<std::string_view, kWalls> kWallNames{"x0", "x1", "y0", "y1", "z0", "z1"};
@@ -90,6 +92,8 @@ class StillSurfaces {
   virtual std::vector<StillPath> paths(const Vec3& tx, const Vec3& rx, int order) const = 0;
   /// Whether no surface lies between two points; those that they lie on do not count.
   virtual bool is_open(const Vec3& from, const Vec3& to) const = 0;
+  /// What they are, for pictures.
+  virtual const Mesh& mesh() const = 0;
 };
 
 /// All paths with at most `order` bounces: 1, 7, 25, 63 for 0..3; ordered by image index.

@@ -122,5 +122,28 @@ TEST_F(Commands, SaysSoWhenTheDiskIsFull) {
   EXPECT_FALSE(fs::exists(folder_ / "full" / "rx2.dat"));
 }
 
+TEST_F(Commands, RendersAPictureOrAFilm) {
+  const std::string small = "render --scene office --width 640 --height 360 --past 0.1 --at 0.1 --out ";
+  ASSERT_EQ(run(small + (folder_ / "a.png").string()).status, 0);
+  EXPECT_EQ(bytes(folder_ / "a.png").substr(1, 3), "PNG");
+  const Outcome film = run(small + (folder_ / "c.mp4").string() + " --seconds 0.05 --fps 20");
+  ASSERT_EQ(film.status, 0) << film.words;
+  EXPECT_NE(film.words.find("1 pictures"), std::string::npos);
+  EXPECT_EQ(bytes(folder_ / "c.mp4").substr(4, 4), "ftyp");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 2) << "nothing half-written is left";
+}
+
+TEST_F(Commands, RenderRefusesInWords) {
+  const Outcome gif = run("render --out " + (folder_ / "a.gif").string());
+  EXPECT_EQ(gif.status, 64);
+  EXPECT_NE(gif.words.find("neither a picture (.png) nor a film (.mp4)"), std::string::npos) << gif.words;
+  EXPECT_NE(run("render --scene reflector --out " + (folder_ / "a.png").string()).words.find("formula"),
+            std::string::npos);
+  EXPECT_EQ(run("render --width 640 --height 360 --at 0 --out " + (folder_ / "no" / "a.png").string()).status,
+            73);
+  EXPECT_EQ(run("render --width 640 --height 360 --at 0 --out " + (folder_ / "no" / "a.mp4").string()).status,
+            73);
+}
+
 }  // namespace
 }  // namespace csipose::sim
