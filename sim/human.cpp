@@ -5,6 +5,7 @@
 
 namespace csipose::sim {
 namespace {
+constexpr double kTrunk = 0.315;  // pelvis to neck, of the stature
 
 /// Along a to b, third column; the first as near to `side` as it can be.
 Mat3 axes_along(const Vec3& along, const Vec3& side) {
@@ -36,7 +37,8 @@ void set_trunk(const Figure& figure, const Posture& posture, Stance& s) {
   s.forward = turned(s.forward, s.left, posture.trunk_pitch_rad);
   s.up = turned(s.up, s.forward, -posture.trunk_roll_rad);
   s.left = glm::cross(s.up, s.forward);
-  s.neck = s.pelvis + 0.315 * figure.stature_m * s.up;
+  s.head_up = s.up;
+  s.neck = s.pelvis + kTrunk * figure.stature_m * s.up;
 }
 
 /// The foot's direction: level when flat; the toes stay low when the ankle rises.
@@ -109,9 +111,20 @@ std::array<Vec3, kJoints> joints_of(const Figure& figure, const Stance& s) {
   const auto hand = [&](std::size_t side) {
     return s.wrists[side] + 0.026 * h * glm::normalize(s.hands[side] - s.wrists[side]);
   };
-  return {s.neck,        s.neck + 0.047 * h * s.up, s.shoulders[kLeft], s.shoulders[kRight], s.elbows[kLeft],
-          s.hips[kLeft], s.elbows[kRight],          s.hips[kRight],     hand(kLeft),         s.knees[kLeft],
-          hand(kRight),  s.knees[kRight],           s.ankles[kLeft],    s.ankles[kRight]};
+  return {s.neck,
+          s.neck + 0.047 * h * s.head_up,
+          s.shoulders[kLeft],
+          s.shoulders[kRight],
+          s.elbows[kLeft],
+          s.hips[kLeft],
+          s.elbows[kRight],
+          s.hips[kRight],
+          hand(kLeft),
+          s.knees[kLeft],
+          hand(kRight),
+          s.knees[kRight],
+          s.ankles[kLeft],
+          s.ankles[kRight]};
 }
 
 std::vector<Body> bodies_of(const Figure& figure, const Stance& s, const Surface& skin) {
@@ -121,21 +134,24 @@ std::vector<Body> bodies_of(const Figure& figure, const Stance& s, const Surface
     const Vec3 grown{half.x * figure.girth, half.y * figure.girth, half.z};
     bodies.push_back({Shape::ellipsoid, centre, axes_along(along, side), h * grown, skin});
   };
+  // `half_length` as a share of the bone
   const auto add_limb = [&](const Vec3& from, const Vec3& to, double half_width, double half_length) {
     const Vec3 side = std::abs(glm::dot(glm::normalize(to - from), s.left)) < 0.9 ? s.left : s.up;
-    add((from + to) / 2.0, to - from, side, {half_width, half_width, half_length});
+    add((from + to) / 2.0, to - from, side,
+        {half_width, half_width, half_length * glm::distance(from, to) / h});
   };
-  add(s.neck + 0.085 * h * s.up, s.up, s.left, {0.0445, 0.056, 0.065});
+  const double trunk = glm::distance(s.pelvis, s.neck) / (kTrunk * h);
+  add(s.neck + 0.085 * h * s.head_up, s.head_up, s.left, {0.0445, 0.056, 0.065});
   add(s.neck + 0.010 * h * s.up, s.up, s.left, {0.034, 0.034, 0.035});
-  add(s.pelvis + 0.19 * h * s.up, s.up, s.left, {0.095, 0.065, 0.115});
+  add(s.pelvis + 0.19 * h * trunk * s.up, s.up, s.left, {0.095, 0.065, 0.115 * trunk});
   bodies.back().half_m += Vec3{s.breath_m, s.breath_m, 0};
-  add(s.pelvis + 0.035 * h * s.up, s.up, s.pelvis_left, {0.093, 0.065, 0.095});
+  add(s.pelvis + 0.035 * h * trunk * s.up, s.up, s.pelvis_left, {0.093, 0.065, 0.095 * trunk});
   for (const std::size_t side : {kLeft, kRight}) {
-    add_limb(s.shoulders[side], s.elbows[side], 0.029, 0.098);
-    add_limb(s.elbows[side], s.wrists[side], 0.024, 0.075);
+    add_limb(s.shoulders[side], s.elbows[side], 0.029, 0.098 / 0.186);
+    add_limb(s.elbows[side], s.wrists[side], 0.024, 0.075 / 0.146);
     add(s.hands[side], s.hands[side] - s.wrists[side], s.forward, {0.024, 0.012, 0.054});
-    add_limb(s.hips[side], s.knees[side], 0.049, 0.132);
-    add_limb(s.knees[side], s.ankles[side], 0.033, 0.125);
+    add_limb(s.hips[side], s.knees[side], 0.049, 0.132 / 0.245);
+    add_limb(s.knees[side], s.ankles[side], 0.033, 0.125 / 0.246);
     // The foot points ahead from below the ankle.
     const Vec3 sole_left = glm::normalize(glm::cross(Vec3{0, 0, 1}, s.toes[side]));
     add(s.ankles[side] + 0.045 * h * s.toes[side] - 0.019 * h * glm::cross(s.toes[side], sole_left),

@@ -60,6 +60,7 @@ struct Posture {
 struct Stance {
   Vec3 pelvis{}, neck{}, forward{}, left{}, up{};  ///< forward, left, up: the trunk's axes
   Vec3 pelvis_forward{}, pelvis_left{};
+  Vec3 head_up{};              ///< unit, from the neck to the crown
   std::array<Vec3, 2> toes{};  ///< unit, from the heel
   double breath_m = 0;         ///< by which the thorax is wider and deeper than at rest
   std::array<Vec3, 2> hips{}, knees{}, ankles{}, shoulders{}, elbows{}, wrists{}, hands{};
@@ -79,6 +80,7 @@ double pelvis_height(const Figure& figure, const Posture& posture, double lower_
 /// middles of skull and fist.
 std::array<Vec3, kJoints> joints_of(const Figure& figure, const Stance& stance);
 
+/// Their widths follow the stature, their lengths the bones of the stance.
 /// Head, neck, thorax, pelvis, and upper arm, forearm, hand, thigh, shank, foot of either side.
 std::vector<Body> bodies_of(const Figure& figure, const Stance& stance, const Surface& skin);
 

@@ -15,9 +15,7 @@ Rectangle footprint(const Body& body) {
 }
 
 Stage stage_of(const HumanSpec& spec) {
-  Stage stage;
-  stage.area = spec.room.area;
-  for (const Body& body : spec.room.still.furniture) stage.obstacles.push_back(footprint(body));
+  Stage stage = stage_of(spec.room);
   stage.allowed = spec.allowed;
   stage.chairs = spec.chairs;
   return stage;
@@ -87,6 +85,20 @@ void add_furniture(RoomPlan& plan, CounterRng& rng) {
 
 }  // namespace
 
+Stage stage_of(const RoomPlan& room) {
+  Stage stage;
+  stage.area = room.area;
+  for (const Body& body : room.still.furniture) stage.obstacles.push_back(footprint(body));
+  return stage;
+}
+
+void add_person(const Motion& person, double t_s, const Surface& skin, MovingScene::Snapshot& out) {
+  const Stance stance = person.at(t_s);
+  const std::vector<Body> bodies = bodies_of(person.figure(), stance, skin);
+  out.bodies.insert(out.bodies.end(), bodies.begin(), bodies.end());
+  out.people.push_back(joints_of(person.figure(), stance));
+}
+
 HumanScene::HumanScene(const HumanSpec& spec, std::uint64_t seed, std::uint32_t clip, double rate_hz)
     : still_(spec.room.still),
       crowd_(stage_of(spec), spec.people, seed, clip),
@@ -101,12 +113,7 @@ void HumanScene::next(Snapshot& out) {
   crowd_.plan_until(now_s_);
   out.bodies.clear();
   out.people.clear();
-  for (const auto& person : crowd_.people()) {
-    const Stance stance = person->at(now_s_);
-    const std::vector<Body> bodies = bodies_of(person->figure(), stance, skin_);
-    out.bodies.insert(out.bodies.end(), bodies.begin(), bodies.end());
-    out.people.push_back(joints_of(person->figure(), stance));
-  }
+  for (const auto& person : crowd_.people()) add_person(*person, now_s_, skin_, out);
 }
 
 RoomPlan draw_room(std::uint64_t seed, std::uint32_t clip, bool opposite) {

@@ -14,6 +14,11 @@ struct HumanSpec {
   bool chairs = false;          ///< who begins by sitting gets a chair
 };
 
+/// Where people may be in a room; what they do is left open.
+Stage stage_of(const RoomPlan& room);
+/// The sixteen bodies and the labels of one person.
+void add_person(const Motion& person, double t_s, const Surface& skin, MovingScene::Snapshot& out);
+
 class HumanScene final : public MovingScene {
  public:
   /// The same for the same seed and clip.

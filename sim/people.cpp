@@ -14,19 +14,13 @@ constexpr double kForEver_s = 1e9;
 constexpr double kSpread =
     0.6;  // of an arm's length that a hand is aside of its shoulder when arms are spread
 
-bool is_free(const Stage& stage, const Vec3& p) {
-  return stage.area.holds(p, kInside_m) &&
-         std::none_of(stage.obstacles.begin(), stage.obstacles.end(),
-                      [&](const Rectangle& it) { return it.holds(p, -kOffObstacle_m); });
-}
-
 Vec3 draw_place(const Stage& stage, CounterRng& rng) {
   const Rectangle& a = stage.area;
   Vec3 place{};
   for (int i = 0; i < kPlaces; ++i) {
     place = {rng.uniform(a.x0 + kInside_m, a.x1 - kInside_m), rng.uniform(a.y0 + kInside_m, a.y1 - kInside_m),
              0};
-    if (is_free(stage, place)) break;
+    if (stage.is_free(place)) break;
   }
   return place;
 }
@@ -68,20 +62,30 @@ double add(Score& score, Action action, double begin_s, const Stage& stage, Coun
 
 }  // namespace
 
+bool Stage::is_free(const Vec3& p) const {
+  return area.holds(p, kInside_m) &&
+         std::none_of(obstacles.begin(), obstacles.end(),
+                      [&](const Rectangle& it) { return it.holds(p, -kOffObstacle_m); });
+}
+
+Sine draw_breath(CounterRng& rng) {
+  return {rng.uniform(0.002, 0.004), rng.uniform(0.2, 0.33), rng.uniform(0, 2 * kPi)};
+}
+
+double draw_girth(CounterRng& rng) { return std::sqrt(rng.uniform(19, 29) / 22.5); }
+
 Figure draw_figure(CounterRng& rng) {
   Figure figure(std::clamp(1.72 + 0.08 * rng.normal(), 1.52, 1.92));
-  figure.girth = std::sqrt(rng.uniform(19, 29) / 22.5);
+  figure.girth = draw_girth(rng);
   for (const std::size_t side : {kLeft, kRight})
     figure.legs[side] = rng.uniform(0.985, 1.015), figure.arms[side] = rng.uniform(0.985, 1.015);
   return figure;
 }
 
-double Person::Sine::at(double t_s) const {
-  return amplitude_m * std::sin(2 * kPi * rate_hz * t_s + phase_rad);
-}
+double Sine::at(double t_s) const { return amplitude_m * std::sin(2 * kPi * rate_hz * t_s + phase_rad); }
 
 Person::Person(Score score, const CounterRng& rng) : score_(std::move(score)), rng_(rng) {
-  breath_ = {rng_.uniform(0.002, 0.004), rng_.uniform(0.2, 0.33), rng_.uniform(0, 2 * kPi)};
+  breath_ = draw_breath(rng_);
   for (auto& axis : sway_)
     for (Sine& sine : axis)
       sine = {rng_.uniform(0.002, 0.005) / 3, rng_.uniform(0.1, 0.8), rng_.uniform(0, 2 * kPi)};
@@ -161,7 +165,7 @@ bool Crowd::holds(const Person& person, double from_s, double to_s) const {
     if (other->planned_s_ < kForEver_s) to_s = std::max(to_s, other->planned_s_);
   for (double t = from_s; t <= to_s; t += kLookEvery_s) {
     const Stance own = person.at(t);
-    if (!is_free(stage_, own.pelvis)) return false;
+    if (!stage_.is_free(own.pelvis)) return false;
     const bool spread = arms_spread(person.figure(), own);
     for (const auto& other : people_) {
       if (other.get() == &person) continue;

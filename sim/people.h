@@ -25,11 +25,23 @@ struct Stage {
   std::vector<Rectangle> obstacles;
   std::vector<Action> allowed;  ///< at least one
   bool chairs = false;          ///< who begins by sitting has a chair, and stays with it
+
+  /// Whether hips may be there.
+  bool is_free(const Vec3& p) const;
 };
 
 /// Hips keep this far inside the area, from furniture, and from other hips (more where arms are spread).
 inline constexpr double kInside_m = 0.45, kOffObstacle_m = 0.35, kApart_m = 0.7, kApartSpread_m = 0.9;
 
+/// One of the small movements that never stop.
+struct Sine {
+  double amplitude_m = 0, rate_hz = 0, phase_rad = 0;
+  double at(double t_s) const;
+};
+/// The thorax is wider and deeper by 0 to 4-8 mm, 12 to 20 times a minute: half of that, about its middle.
+Sine draw_breath(CounterRng& rng);
+/// sqrt(body mass index / 22.5), index 19-29.
+double draw_girth(CounterRng& rng);
 /// Stature N(1.72 m, 0.08), body mass index 19-29, sides alike within 1.5 %.
 Figure draw_figure(CounterRng& rng);
 
@@ -52,16 +64,12 @@ class Person final : public Motion {
 
  private:
   friend class Crowd;
-  struct Sine {
-    double amplitude_m, rate_hz, phase_rad;
-    double at(double t_s) const;
-  };
   Score score_;
   double planned_s_ = 0;                          ///< until when
   std::vector<std::pair<double, Action>> doing_;  ///< from when on
   std::optional<Chair> chair_;
   CounterRng rng_;
-  Sine breath_{};
+  Sine breath_;
   std::array<std::array<Sine, 3>, 2> sway_{};  ///< [axis]
 };
 

@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "proto/result.h"
 #include "sim/object_clip.h"
 
 namespace csipose::sim {
@@ -26,6 +27,29 @@ ImpairmentLevel level_of(const std::string& name) {
   return name == "none"   ? ImpairmentLevel::none
          : name == "mild" ? ImpairmentLevel::mild
                           : ImpairmentLevel::intel5300;
+}
+
+void add_capture_options(CLI::App& command, CaptureSpec& capture) {
+  CLI::Option* files = command
+                           .add_option("--bvh", capture.files,
+                                       "motion capture file of one person, instead of --people; may be given "
+                                       "up to three times (docs/simulator-motion.md)")
+                           ->expected(1, 3);
+  command.add_option("--bvh-joints", capture.namings, "table of the names of joints")->needs(files);
+  command
+      .add_option("--bvh-unit", capture.part.metres_per_unit,
+                  "metres per unit of length; otherwise what the table says")
+      ->check(CLI::Range(1e-6, 1e3))
+      ->needs(files);
+  command
+      .add_option_function<std::string>(
+          "--bvh-up", [&capture](const std::string& axis) { capture.part.z_up = axis == "z"; },
+          "axis that points up, y or z; otherwise what the table says")
+      ->check(CLI::IsMember({"y", "z"}))
+      ->needs(files);
+  command.add_option("--bvh-from", capture.part.from_s, "begin so far into the file, seconds")->needs(files);
+  command.add_option("--bvh-seconds", capture.part.seconds, "then stand still; otherwise at the file's end")
+      ->needs(files);
 }
 
 }  // namespace
@@ -63,6 +87,7 @@ void add_scene_options(CLI::App& command, SceneOptions& options) {
       ->capture_default_str();
   command.add_option("--people", options.people, "how many")->check(CLI::Range(0, 3))->capture_default_str();
   add_people_options(command, options.who);
+  add_capture_options(command, options.capture);
   command.add_option("--seed", options.seed, "same seed, same bytes")->capture_default_str();
   command.add_option("--clip", options.clip, "which clip of that seed")->capture_default_str();
   command.add_option("--rate", options.rate_hz, "packets a second")
@@ -71,11 +96,17 @@ void add_scene_options(CLI::App& command, SceneOptions& options) {
 }
 
 std::unique_ptr<MovingScene> open_moving_scene(const SceneOptions& options) {
+  const bool captured = !options.capture.files.empty();
+  if (captured && (options.scene == "reflector" || options.scene == "object"))
+    throw SetupError(ExitStatus::usage,
+                     fmt::format("--bvh needs a room for people; the scene '{}' has none", options.scene));
   if (options.scene == "reflector") return nullptr;
   if (options.scene == "object") return object_scene(options.seed, options.clip, options.rate_hz);
   HumanSpec spec;
   spec.room = options.scene == "random" ? draw_room(options.seed, options.clip, options.who.opposite)
                                         : read_room_plan(options.scene);
+  if (captured)
+    return std::make_unique<CapturedScene>(spec.room, options.capture, options.seed, options.rate_hz);
   spec.people = options.people;
   spec.allowed = options.who.allowed();
   spec.chairs = options.who.chairs;

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/captured_scene.h"
 #include "sim/human_scene.h"
 #include "sim/radio.h"
 #include "sim/solved_scene.h"
@@ -31,6 +32,7 @@ struct SceneOptions {
   std::string scene = "office";  ///< a room, "random", "object" or "reflector"
   std::size_t people = 1;
   PeopleOptions who;
+  CaptureSpec capture;  ///< with files: who moves as they say, instead of `people` and `who`
   std::uint64_t seed = 1;
   std::uint32_t clip = 0;
   double rate_hz = 300;
