@@ -29,12 +29,15 @@ void BrailleCanvas::dot(int x, int y, Tone tone) {
   cell.tone = tone;
 }
 
+void BrailleCanvas::line(int x0, int y0, int x1, int y1, Tone tone) { line(x0, y0, x1, y1, tone, 1); }
+void BrailleCanvas::dotted_line(int x0, int y0, int x1, int y1, Tone tone) { line(x0, y0, x1, y1, tone, 2); }
+
 /// Bresenham's line.
-void BrailleCanvas::line(int x0, int y0, int x1, int y1, Tone tone) {
+void BrailleCanvas::line(int x0, int y0, int x1, int y1, Tone tone, int every) {
   const int dx = std::abs(x1 - x0), dy = -std::abs(y1 - y0);
   const int step_x = x0 < x1 ? 1 : -1, step_y = y0 < y1 ? 1 : -1;
-  for (int error = dx + dy;;) {
-    dot(x0, y0, tone);
+  for (int error = dx + dy, number = 0;; ++number) {
+    if (number % every == 0) dot(x0, y0, tone);
     if (x0 == x1 && y0 == y1) return;
     const int twice = 2 * error;
     if (twice >= dy) error += dy, x0 += step_x;

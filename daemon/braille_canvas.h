@@ -19,6 +19,8 @@ class BrailleCanvas {
   /// Dots count from the top left; what lies outside is not drawn.
   void dot(int x, int y, Tone tone);
   void line(int x0, int y0, int x1, int y1, Tone tone);
+  /// The same with every second dot only.
+  void dotted_line(int x0, int y0, int x1, int y1, Tone tone);
   /// Text whose first letter stands where the dot is.
   void text(int x, int y, const std::string& letters, Tone tone);
 
@@ -26,6 +28,7 @@ class BrailleCanvas {
   std::vector<Line> lines() const;
 
  private:
+  void line(int x0, int y0, int x1, int y1, Tone tone, int every);
   struct Cell {
     unsigned dots = 0;  ///< bit k as in U+2800 + bits
     char letter = 0;

@@ -1,12 +1,14 @@
-// `csipose demo`: a receiver's bytes to poses on a socket, whole, on this computer alone: three agents send a recording
-// through the sealed UDP door of a daemon, and a live view shows what it streams. Everything lives in a private folder
-// that is gone afterwards; nothing listens beyond loopback.
+// `csipose demo`: receivers' bytes to poses on a socket, whole, on this computer alone: the simulator, or three agents that
+// send a recording, through the sealed UDP door of a daemon, and a live view that shows what it streams, beside the
+// simulator's truth. Everything lives in a private folder that is gone afterwards; nothing listens beyond loopback.
 #include <arpa/inet.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <csignal>
 #include <cstring>
 #include <filesystem>
@@ -16,7 +18,9 @@
 
 #include "daemon/child_process.h"
 #include "daemon/tool.h"
+#include "daemon/truth_client.h"
 #include "proto/keys.h"
+#include "proto/wire.h"
 
 namespace csipose {
 namespace {
@@ -29,7 +33,8 @@ volatile std::sig_atomic_t asked_to_stop = 0;
 
 struct DemoOptions {
   std::vector<std::string> files;
-  std::string preset = "tiny", model;
+  std::string preset = "tiny", model, scene = "office";
+  int people = 2;
   double for_seconds = 0, rate_hz = 300;
 };
 
@@ -66,33 +71,50 @@ class Demo {
   explicit Demo(const DemoOptions& options) : options_(options), port_(free_port()) {}
 
   int operator()() {
-    make_recording();
     make_model();
     make_keys();
-    write_config();
+    const RoomDescription room = is_simulated() ? start_simulator() : choose_recordings();
+    write_config(room);
     start_daemon();
-    start_agents();
-    return watch();
+    if (!is_simulated()) start_agents();
+    const int status = watch();
+    if (is_simulated()) tell_if_late();
+    return status;
   }
 
  private:
-  /// One file for each receiver: three that were named, one for all, or the closed-form scene.
-  void make_recording() {
+  bool is_simulated() const { return options_.files.empty(); }
+
+  /// Three virtual receivers that wait for the daemon; the room that they stand in.
+  RoomDescription start_simulator() {
+    senders_.push_back(std::make_unique<ChildProcess>(
+        sibling_program("csipose-sim"),
+        std::vector<std::string>{"live", "--to", fmt::format("127.0.0.1:{}", port_), "--keys",
+                                 fmt::format("{},{},{}", key(1), key(2), key(3)), "--scene", options_.scene,
+                                 "--people", fmt::format("{}", options_.people), "--rate",
+                                 fmt::format("{}", options_.rate_hz), "--truth", truth_socket()},
+        sim_log()));
+    wait_for(truth_socket(), *senders_.back());
+    const TruthClient truth(truth_socket());
+    const auto place = [](const Point3& p) { return std::array{p.x, p.y, p.z}; };
+    RoomDescription room{place(truth.hello().size_m), place(truth.hello().transmitter_m), {}};
+    for (const Point3& receiver : truth.hello().receivers_m)
+      room.receivers.push_back({fmt::format("rx{}", room.receivers.size() + 1), place(receiver)});
+    return room;
+  }
+
+  /// One file for each receiver: three that were named, or one for all. Nothing is known of the room: it is drawn as if
+  /// the receivers stood along one wall.
+  RoomDescription choose_recordings() {
     recordings_ = options_.files;
-    if (recordings_.empty()) {
-      run("csipose-sim",
-          {"record", "--scene", "reflector", "--out", (folder_ / "recording").string(), "--rate",
-           fmt::format("{}", options_.rate_hz)},
-          folder_ / "sim.log");
-      for (const char* name : {"rx1.dat", "rx2.dat", "rx3.dat"})
-        recordings_.push_back(folder_ / "recording" / name);
-    }
     if (recordings_.size() == 1) recordings_.resize(3, recordings_[0]);
     if (recordings_.size() != 3)
       throw SetupError(ExitStatus::usage,
                        fmt::format("{} recordings were named: give one for all three receivers, or "
                                    "three",
                                    recordings_.size()));
+    return {
+        {4, 3.5F, 2.6F}, {0, 1.75F, 1}, {{"rx1", {4, 0.5F, 1}}, {"rx2", {4, 1.75F, 1}}, {"rx3", {4, 3, 1}}}};
   }
 
   void make_model() {
@@ -104,33 +126,40 @@ class Demo {
   }
 
   void make_keys() const {
-    const KeyKind kind = options_.files.empty() ? KeyKind::simulated : KeyKind::replay;
+    const KeyKind kind = is_simulated() ? KeyKind::simulated : KeyKind::replay;
     for (int r = 1; r <= 3; ++r) create_agent_key(key(r), fmt::format("rx{}", r), kind);
   }
 
-  void write_config() const {
+  void write_config(const RoomDescription& room) const {
     std::ofstream out(config());
     out << fmt::format("[daemon]\nname = \"demo\"\nrun_dir = \"{0}\"\nstate_dir = \"{0}\"\n",
                        (folder_ / "").string())
         << fmt::format("[ingest]\nlisten = \"udp://127.0.0.1:{}\"\n", port_)
         << fmt::format("[window]\nsample_rate_hz = {:.1f}\n", options_.rate_hz)
-        << fmt::format("[model]\npath = \"{}\"\n", model_);
-    constexpr double kAcross_m[] = {0.5, 1.75, 3.0};  // where csipose-sim puts them
-    for (int r = 1; r <= 3; ++r)
-      out << fmt::format("[[receiver]]\nid = \"rx{}\"\nposition_m = [4.0, {}, 1.0]\nkey_file = \"{}\"\n", r,
-                         kAcross_m[r - 1], key(r));
+        << fmt::format("[model]\npath = \"{}\"\n", model_)
+        << fmt::format("[room]\nsize_m = [{:.2f}]\ntransmitter_m = [{:.2f}]\n", fmt::join(room.size_m, ", "),
+                       fmt::join(room.transmitter_m, ", "));
+    for (std::size_t r = 0; r < room.receivers.size(); ++r)
+      out << fmt::format("[[receiver]]\nid = \"{}\"\nposition_m = [{:.2f}]\nkey_file = \"{}\"\n",
+                         room.receivers[r].id, fmt::join(room.receivers[r].position_m, ", "),
+                         key(static_cast<int>(r) + 1));
     if (!out.flush()) throw SetupError(ExitStatus::io, fmt::format("cannot write {}", config()));
+  }
+
+  /// Until a program of ours has made its socket.
+  static void wait_for(const std::string& socket, ChildProcess& program) {
+    const auto deadline = steady_clock::now() + std::chrono::seconds(60);
+    while (!fs::exists(socket)) {
+      if (program.ended() || asked_to_stop || steady_clock::now() > deadline) complain(program);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
   }
 
   void start_daemon() {
     daemon_ = std::make_unique<ChildProcess>(sibling_program("csiposed"),
                                              std::vector<std::string>{"--config", config()},
                                              folder_ / "csiposed.log");
-    const auto deadline = steady_clock::now() + std::chrono::seconds(60);
-    while (!fs::exists(folder_ / "pose.sock")) {
-      if (daemon_->ended() || steady_clock::now() > deadline) complain(*daemon_);
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    }
+    wait_for(folder_ / "pose.sock", *daemon_);
   }
 
   /// A loop plays on the host's clock, so the three are in step as receivers of one transmitter are.
@@ -142,8 +171,8 @@ class Demo {
                                                   "--dat",  recordings_[static_cast<std::size_t>(r - 1)],
                                                   "--rate", fmt::format("{}", options_.rate_hz),
                                                   "--loop", "--inject-counter"};
-      agents_.push_back(std::make_unique<ChildProcess>(sibling_program("csipose-agent"), arguments,
-                                                       folder_ / fmt::format("agent{}.log", r)));
+      senders_.push_back(std::make_unique<ChildProcess>(sibling_program("csipose-agent"), arguments,
+                                                        folder_ / fmt::format("agent{}.log", r)));
     }
   }
 
@@ -152,6 +181,7 @@ class Demo {
     std::vector<std::string> arguments = {"watch", "--config", config()};
     if (options_.for_seconds > 0)
       arguments.insert(arguments.end(), {"--for", fmt::format("{}", options_.for_seconds)});
+    if (is_simulated()) arguments.insert(arguments.end(), {"--truth", truth_socket()});
     if (tool_options().no_color) arguments.push_back("--no-color");
     ChildProcess view(sibling_program("csipose"), arguments, {});
     ChildProcess* failed = nullptr;
@@ -163,14 +193,26 @@ class Demo {
     return status;
   }
 
+  /// The simulator's complaint, if it had one: its log goes with the folder.
+  void tell_if_late() const {
+    std::ifstream log(sim_log());
+    for (std::string line; std::getline(log, line);)
+      if (line.find("cannot keep up") != std::string::npos) {
+        fmt::print(stderr, "{}\n", line);
+        return;
+      }
+  }
+
   ChildProcess* first_ended() {
     if (daemon_->ended()) return daemon_.get();
-    for (const auto& agent : agents_)
-      if (agent->ended()) return agent.get();
+    for (const auto& sender : senders_)
+      if (sender->ended()) return sender.get();
     return nullptr;
   }
 
   std::string key(int receiver) const { return folder_ / fmt::format("rx{}.key", receiver); }
+  std::string truth_socket() const { return folder_ / "truth.sock"; }
+  fs::path sim_log() const { return folder_ / "sim.log"; }
   std::string config() const { return folder_ / "csiposed.toml"; }
 
   DemoOptions options_;
@@ -179,24 +221,30 @@ class Demo {
   std::vector<std::string> recordings_;
   std::string model_;
   std::unique_ptr<ChildProcess> daemon_;
-  std::vector<std::unique_ptr<ChildProcess>> agents_;  // stopped before the daemon
+  std::vector<std::unique_ptr<ChildProcess>> senders_;  // simulator or agents; stopped before the daemon
 };
 
 }  // namespace
 
 void add_demo(CLI::App& app) {
   auto options = std::make_shared<DemoOptions>();
-  CLI::App* demo =
-      app.add_subcommand("demo", "three agents, a daemon and a live view on this computer, in one go");
-  demo->add_option(
-          "recording", options->files,
-          "csitool .dat log: one for all receivers, or three; without it a closed-form moving reflector")
+  CLI::App* demo = app.add_subcommand(
+      "demo",
+      "simulator, daemon and live view on this computer, in one go; or three agents that send your logs");
+  demo->add_option("recording", options->files,
+                   "csitool .dat log: one for all receivers, or three; without it people are simulated")
       ->check(CLI::ExistingFile);
   demo->add_option("--model", options->model, "weights; without it random ones, and the view says UNTRAINED")
       ->check(CLI::ExistingFile);
   demo->add_option("--preset", options->preset,
                    "size of the random weights: paper, base, small, tiny, micro");
-  demo->add_option("--rate", options->rate_hz, "packets a second of each agent")
+  demo->add_option("--scene", options->scene,
+                   "where people are simulated: office, classroom, corridor, empty or a room's file")
+      ->capture_default_str();
+  demo->add_option("--people", options->people, "how many are simulated")
+      ->check(CLI::Range(0, 3))
+      ->capture_default_str();
+  demo->add_option("--rate", options->rate_hz, "packets a second of each receiver")
       ->check(CLI::Range(10.0, 3000.0));
   demo->add_option("--for", options->for_seconds, "end after so many seconds; without it Ctrl-C ends it");
   demo->callback([options] {

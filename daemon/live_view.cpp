@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::size_t kLeastPictureRows = 6, kLeastPictureColumns = 24, kMostPictureRows = 30;
 constexpr std::size_t kWordRows = 16;  // words above the pictures when three people are there
+constexpr std::size_t kTruthRows = 3, kAiryRows = 30;
 
 std::string upper(std::string_view word) {
   std::string text(word);
@@ -45,7 +46,7 @@ std::string number_or_dash(double value, const char* form) {
 
 Line receiver_line(const std::string& id, const ReceiverQuality& quality, const ReceiverStatus* status) {
   const bool heard = quality.missing_ratio < 1;
-  Line line = {{fmt::format("  {:<10}", id), Tone::strong},
+  Line line = {{fmt::format("  {:<8}", id), Tone::strong},
                {fmt::format("{:7.1f} Hz", quality.rate_hz), heard ? Tone::plain : Tone::alarm},
                {fmt::format("   missing {:5.1f} %", quality.missing_ratio * 100),
                 quality.missing_ratio > 0.1F ? Tone::warning : Tone::plain},
@@ -119,6 +120,44 @@ void add_people(const LiveState& state, std::vector<Line>& lines) {
     lines.push_back(person_line(state.pose->frame.people[p], state.pose->root_m[p], p));
 }
 
+// ---- The simulator's truth ----
+
+std::string percent_or_dash(double ratio) { return number_or_dash(100 * ratio, "{:.0f}"); }
+
+Line truth_line(const TruthView& truth) {
+  Line line = {{"Truth   ", Tone::dim}};
+  if (!truth.shown) {
+    line.push_back({truth.silence, Tone::warning});
+    return line;
+  }
+  const std::size_t people = truth.shown->people.size();
+  line.push_back({fmt::format("{} {} (dotted), {:.0f} ms ago{}", people, people == 1 ? "person" : "people",
+                              truth.age_s * 1000, truth.with_poses ? " as the poses" : ""),
+                  Tone::truth});
+  line.push_back({": the simulator's, no result"});
+  return line;
+}
+
+Line score_line(const char* first, const char* who, const ErrorSums& sums, const std::string& remark) {
+  return {{first, Tone::dim},
+          {fmt::format("{:<9} {:>5} m off, {:>3} % found, count right {:>3} %", who,
+                       number_or_dash(sums.mean_error_m(), "{:.3f}"), percent_or_dash(sums.found_ratio()),
+                       percent_or_dash(sums.count_right_ratio()))},
+          {remark, Tone::dim}};
+}
+
+void add_truth(const LiveState& state, std::vector<Line>& lines) {
+  if (!state.truth) return;
+  const TruthView& truth = *state.truth;
+  lines.push_back(truth_line(truth));
+  if (state.hello.untrained && truth.poses.claimed == 0)
+    lines.push_back(
+        {{"Error   ", Tone::dim}, {"poses     nobody is claimed: the weights are random (UNTRAINED)"}});
+  else
+    lines.push_back(score_line("Error   ", "poses", truth.poses, fmt::format(" of {}", truth.poses.frames)));
+  lines.push_back(score_line("        ", "mean pose", truth.guess, " (constant guess)"));
+}
+
 // ---- Pictures ----
 
 /// A plane of the room on a canvas: across to the right, up to the top.
@@ -138,6 +177,10 @@ class Picture {
   }
   void bone(float across0, float up0, float across1, float up1, Tone tone) {
     if (fits(across0, up0) && fits(across1, up1)) canvas_.line(x(across0), y(up0), x(across1), y(up1), tone);
+  }
+  void dotted_bone(float across0, float up0, float across1, float up1, Tone tone) {
+    if (fits(across0, up0) && fits(across1, up1))
+      canvas_.dotted_line(x(across0), y(up0), x(across1), y(up1), tone);
   }
   void mark(float across, float up, const std::string& letters, Tone tone) {
     if (!fits(across, up)) return;
@@ -171,6 +214,15 @@ void draw_people(const ReceivedPose& pose, Up up, Picture& picture) {
   }
 }
 
+void draw_truth(const Truth& truth, Up up, Picture& picture) {
+  for (const TruePerson& person : truth.people) {
+    for (const auto& [a, b] : kBones)
+      picture.dotted_bone(person.joints[a].x, person.joints[a].*up, person.joints[b].x, person.joints[b].*up,
+                          Tone::truth);
+    picture.mark(person.joints[1].x - 0.1F, person.joints[1].*up, fmt::format("t{}", person.id), Tone::truth);
+  }
+}
+
 void draw_devices(const RoomDescription& room, std::size_t up, Picture& picture) {
   picture.mark(room.transmitter_m[0], room.transmitter_m[up], "T", Tone::strong);
   for (std::size_t r = 0; r < room.receivers.size(); ++r) {
@@ -182,8 +234,10 @@ void draw_devices(const RoomDescription& room, std::size_t up, Picture& picture)
 Picture make_picture(const LiveState& state, std::size_t up, std::size_t columns, std::size_t rows) {
   const RoomDescription& room = state.hello.room;
   Picture picture(columns, rows, room.size_m[0], room.size_m[up]);
+  const Up axis = up == 1 ? &Point3::y : &Point3::z;
   draw_devices(room, up, picture);
-  if (state.pose) draw_people(*state.pose, up == 1 ? &Point3::y : &Point3::z, picture);
+  if (state.truth && state.truth->shown) draw_truth(*state.truth->shown, axis, picture);
+  if (state.pose) draw_people(*state.pose, axis, picture);
   return picture;
 }
 
@@ -266,14 +320,19 @@ std::vector<Line> render_live(const LiveState& state, std::size_t width, std::si
   lines.push_back({{fmt::format("{}   model {}   session {:016x}", state.hello.name, state.hello.model,
                                 state.hello.session),
                     Tone::dim}});
-  lines.push_back({});
+  const bool airy = !state.truth || rows >= kAiryRows;
+  const auto pause = [&] {
+    if (airy) lines.push_back({});
+  };
+  pause();
   add_receivers(state, lines);
   add_timing(state, lines);
-  lines.push_back({});
+  add_truth(state, lines);
+  pause();
   add_people(state, lines);
-  lines.push_back({});
+  pause();
   // Pictures keep their place when people come and go.
-  const std::size_t used = std::max(lines.size(), kWordRows);
+  const std::size_t used = std::max(lines.size(), state.truth && airy ? kWordRows + kTruthRows : kWordRows);
   if (used < rows) {
     lines.resize(used);
     add_pictures(state, width, rows - used, lines);
@@ -297,6 +356,19 @@ std::string frame_line(const ReceivedPose& pose) {
     line += fmt::format("  #{} {:.2f} at ({:.2f}, {:.2f}, {:.2f})", frame.people[p].id, frame.people[p].score,
                         pose.root_m[p].x, pose.root_m[p].y, pose.root_m[p].z);
   return line;
+}
+
+std::string error_words(const FrameError& error) {
+  return fmt::format(" truth={} matched={}{}", error.people, error.matched,
+                     error.matched > 0
+                         ? fmt::format(" error_m={:.3f}", error.error_m / static_cast<double>(error.matched))
+                         : "");
+}
+
+std::string accuracy_words(const ErrorSums& sums) {
+  return fmt::format("{} m off on average, {} % of people found, count right {} %",
+                     number_or_dash(sums.mean_error_m(), "{:.3f}"), percent_or_dash(sums.found_ratio()),
+                     percent_or_dash(sums.count_right_ratio()));
 }
 
 }  // namespace csipose

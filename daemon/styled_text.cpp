@@ -13,8 +13,9 @@ constexpr bool is_badge(Tone tone) {
 
 /// ANSI SGR parameters; the sixteen colours that every terminal's theme defines.
 const char* sgr(Tone tone) {
-  static constexpr std::array<const char*, 15> kSgr = {
-      "", "2", "1", "32", "33", "31", "7", "30;43", "37;41", "1;36", "1;35", "1;33", "1;32", "1;34", "1;31"};
+  static constexpr std::array<const char*, 16> kSgr = {"",     "2",     "1",     "32",  "33",   "31",
+                                                       "7",    "30;43", "37;41", "32",  "1;36", "1;35",
+                                                       "1;33", "1;32",  "1;34",  "1;31"};
   return kSgr[static_cast<std::size_t>(tone)];
 }
 

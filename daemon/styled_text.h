@@ -20,6 +20,7 @@ enum class Tone : std::uint8_t {
   badge,
   badge_warning,
   badge_alarm,
+  truth,  ///< what the simulator says, which is no result
   person_0,
   person_1,
   person_2,

@@ -8,6 +8,7 @@
 #include "daemon/live_view.h"
 #include "daemon/stream_client.h"
 #include "daemon/terminal.h"
+#include "daemon/truth_client.h"
 
 namespace csipose {
 namespace {
@@ -30,6 +31,51 @@ Subscription subscription_for(const WatchOptions& options) {
   asked.max_hz = asked.max_hz > 0 ? std::min(asked.max_hz, kDrawHz) : kDrawHz;
   return asked;
 }
+
+UtcTime utc_now() { return std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()); }
+
+/// The poses beside the truth of the instant that they speak of: the middle of their window.
+class TruthWatch {
+ public:
+  explicit TruthWatch(const std::string& socket) : client_(socket) { view_.hello = client_.hello(); }
+
+  std::optional<FrameError> compare(const ReceivedPose& pose) {
+    client_.drain();
+    const Truth* truth = pose.frame.window_end > UtcTime{} ? client_.at(middle_of(pose.frame)) : nullptr;
+    show(truth);
+    view_.with_poses = truth != nullptr;
+    if (truth == nullptr) return std::nullopt;
+    std::vector<Skeleton> claimed, real;
+    for (std::size_t p = 0; p < pose.people_described; ++p) claimed.push_back(pose.frame.people[p].joints);
+    for (const TruePerson& person : truth->people) real.push_back(person.joints);
+    const FrameError error = meter_.add(claimed, real);
+    view_.poses = meter_.poses();
+    view_.guess = meter_.guess();
+    return error;
+  }
+  /// When there is no pose, the newest.
+  void show_newest() {
+    client_.drain();
+    view_.with_poses = false;
+    show(client_.newest());
+  }
+  const TruthView& view() {
+    if (view_.shown) view_.age_s = seconds(utc_now() - view_.shown->sent);
+    if (view_.age_s > seconds(kOld)) view_.shown.reset();
+    view_.silence = client_.closed() ? "the simulator has ended" : "the simulator sends nothing at this time";
+    return view_;
+  }
+
+ private:
+  static UtcTime middle_of(const PoseFrame& frame) {
+    return frame.window_start + (frame.window_end - frame.window_start) / 2;
+  }
+  void show(const Truth* truth) { view_.shown = truth == nullptr ? std::nullopt : std::optional(*truth); }
+
+  TruthClient client_;
+  ErrorMeter meter_;
+  TruthView view_;
+};
 
 /// How often something happened of late.
 class RateMeter {
@@ -56,6 +102,7 @@ class Watcher {
         client_(options.socket, options.format == WatchFormat::jsonl ? Format::json : Format::protobuf),
         ends_(options.duration ? std::optional(steady_now() + *options.duration) : std::nullopt) {
     state_.hello = outcome_.hello = client_.hello();
+    if (!options.truth.empty()) truth_ = std::make_unique<TruthWatch>(options.truth);
     client_.subscribe(subscription_for(options));
     if (options.format == WatchFormat::live) screen_ = std::make_unique<LiveScreen>();
   }
@@ -72,6 +119,7 @@ class Watcher {
       draw();
     }
     outcome_.interrupted = StopSignals::stop_wanted();
+    if (truth_) outcome_.poses = truth_->view().poses, outcome_.guess = truth_->view().guess;
     return outcome_;
   }
 
@@ -85,7 +133,9 @@ class Watcher {
     pose_at_ = steady_now();
     rate_.count(pose_at_);
     state_.pose = pose;
-    if (options_.format == WatchFormat::text) write(frame_line(pose) + '\n');
+    const auto error = truth_ ? truth_->compare(pose) : std::nullopt;
+    if (options_.format == WatchFormat::text)
+      write(frame_line(pose) + (error ? error_words(*error) : "") + '\n');
     if (options_.format == WatchFormat::jsonl) write(client_.raw() + '\n');
     if (options_.format == WatchFormat::protobuf) write(with_length(client_.raw()));
   }
@@ -119,6 +169,10 @@ class Watcher {
     state_.frames_per_second = rate_.per_second(now);
     state_.frames = outcome_.frames;
     state_.lost = outcome_.lost;
+    if (truth_) {
+      if (!state_.pose) truth_->show_newest();
+      state_.truth = truth_->view();
+    }
     const TerminalSize size = terminal_size();
     screen_->draw(render_live(state_, size.columns, size.rows), size);
   }
@@ -127,6 +181,7 @@ class Watcher {
   StopSignals signals_;
   StreamClient client_;
   std::optional<SteadyTime> ends_;
+  std::unique_ptr<TruthWatch> truth_;
   std::unique_ptr<LiveScreen> screen_;
   LiveState state_;
   WatchOutcome outcome_;
@@ -151,8 +206,13 @@ std::string conclude(const WatchOptions& options, const WatchOutcome& outcome) {
     throw SetupError(ExitStatus::runtime,
                      fmt::format("The stream ended ({}) after {}; {} frames were asked for.",
                                  outcome.bye.empty() ? "time is up" : outcome.bye, counted, options.frames));
-  return fmt::format("{}: {}", outcome.bye.empty() ? "watched" : "the stream ended (" + outcome.bye + ")",
-                     counted);
+  std::string sentence = fmt::format(
+      "{}: {}", outcome.bye.empty() ? "watched" : "the stream ended (" + outcome.bye + ")", counted);
+  if (outcome.poses)
+    sentence +=
+        fmt::format("\n  against the truth, {} frames: poses {}\n  a constant guess, the mean pose: {}",
+                    outcome.poses->frames, accuracy_words(*outcome.poses), accuracy_words(*outcome.guess));
+  return sentence;
 }
 
 }  // namespace csipose

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "daemon/error_meter.h"
 #include "proto/time.h"
 #include "proto/wire.h"
 
@@ -16,6 +17,7 @@ enum class WatchFormat : std::uint8_t { live, text, jsonl, protobuf };
 
 struct WatchOptions {
   std::string socket;
+  std::string truth;  ///< the simulator's truth socket; empty = none
   WatchFormat format = WatchFormat::text;
   float max_hz = 0;                     ///< 0 = every frame; the live view never asks for more than it draws
   std::optional<Nanoseconds> duration;  ///< ends by itself after this
@@ -30,6 +32,7 @@ struct WatchOutcome {
   bool interrupted = false;  ///< a signal ended it
   Hello hello;
   std::optional<State> last_state;
+  std::optional<ErrorSums> poses, guess;  ///< against the truth, if it was asked for
 };
 
 /// Follows until the daemon ends, the options say so, or SIGINT/SIGTERM. Throws SetupError.

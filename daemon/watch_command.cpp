@@ -34,6 +34,7 @@ void add_watch_options(CLI::App& command, WatchWords& words) {
 WatchOptions watch_options(const WatchWords& words, const std::string& socket) {
   WatchOptions options;
   options.socket = socket;
+  options.truth = words.truth;
   options.frames = words.frames;
   options.max_hz = words.max_hz;
   if (words.duration_s > 0) options.duration = from_seconds(words.duration_s);
@@ -60,6 +61,11 @@ void add_watch(CLI::App& app) {
   auto words = std::make_shared<Words>();
   CLI::App* command = app.add_subcommand("watch", "poses as they come; Ctrl-C ends it");
   command->add_option("--socket", words->socket, "pose socket; without it as configured")->type_name("PATH");
+  command
+      ->add_option(
+          "--truth", words->truth,
+          "truth socket of csipose-sim live on this host: draws where people really are, and measures")
+      ->type_name("PATH");
   add_watch_options(*command, *words);
   command->callback([words] { watch_and_conclude(watch_options(*words, pose_socket(words->socket))); });
 }

@@ -13,7 +13,7 @@ class App;
 namespace csipose {
 
 struct WatchWords {
-  std::string format;
+  std::string format, truth;
   double duration_s = 0;
   std::uint64_t frames = 0;
   float max_hz = 0;

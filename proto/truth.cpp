@@ -20,7 +20,11 @@ struct Wrong {
 
 // ---- Writing ----
 
-ordered_json row(const Point3& p) { return {p.x, p.y, p.z}; }
+/// Metres with four decimals.
+ordered_json row(const Point3& p) {
+  const auto rounded = [](float metres) { return std::round(static_cast<double>(metres) * 1e4) / 1e4; };
+  return {rounded(p.x), rounded(p.y), rounded(p.z)};
+}
 
 ordered_json skeleton() {
   ordered_json bones = ordered_json::array();

@@ -54,7 +54,7 @@ std::string words_of(const SceneOptions& scene) {
 }
 
 void live(const LiveWords& words) {
-  const StopSignals signals;  // before any thread begins
+  const PollStop signals;  // before any thread begins
   auto scene = open_moving_scene(words.scene);
   if (!scene)
     throw SetupError(ExitStatus::usage,

@@ -88,7 +88,7 @@ class Pace {
 
 class Live {
  public:
-  Live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const StopSignals& signals)
+  Live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const PollStop& signals)
       : options_(options), signals_(signals), pace_(options.speed) {
     for (const AgentKey& key : options.keys) senders_.emplace_back(key, options.daemon);
     if (!options.truth_socket.empty())
@@ -102,7 +102,7 @@ class Live {
     prctl(PR_SET_TIMERSLACK, 1UL);  // wake when asked, not up to 50 us later
     notify_systemd("READY=1");
     status_at_ = now_steady() + kStatusEvery;
-    while (!StopSignals::wanted() && !over_) {
+    while (!PollStop::wanted() && !over_) {
       const SteadyTime now = now_steady();
       if (now >= tend_at_) tend(now);
       if (!playing_) begin_when_answered(now);
@@ -200,7 +200,7 @@ class Live {
   }
 
   const LiveOptions& options_;
-  const StopSignals& signals_;
+  const PollStop& signals_;
   std::vector<SealedSender> senders_;
   std::unique_ptr<TruthServer> truth_;
   std::unique_ptr<ReadAhead> ahead_;
@@ -213,7 +213,7 @@ class Live {
 
 }  // namespace
 
-void run_live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const StopSignals& signals) {
+void run_live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const PollStop& signals) {
   Live(options, std::move(scene), signals).run();
 }
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "proto/datagram.h"
-#include "proto/stop_signals.h"
+#include "proto/poll_stop.h"
 #include "sim/moving_scene.h"
 #include "sim/radio.h"
 
@@ -29,6 +29,6 @@ struct LiveOptions {
 
 /// Runs until the time is over or SIGINT or SIGTERM come; says on stderr how it goes. Packets flow from the moment that the
 /// daemon has answered all three receivers; one that is restarted is found again.
-void run_live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const StopSignals& signals);
+void run_live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const PollStop& signals);
 
 }  // namespace csipose::sim

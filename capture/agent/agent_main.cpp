@@ -19,7 +19,7 @@
 #include "proto/notify.h"
 #include "proto/record_stream.h"
 #include "proto/result.h"
-#include "proto/stop_signals.h"
+#include "proto/poll_stop.h"
 #include "version.h"
 
 namespace csipose {
@@ -44,7 +44,7 @@ class Agent {
     notify_systemd("READY=1");
     const Nanoseconds watchdog = watchdog_interval();
     SteadyTime status_at = now_steady() + kStatusEvery, watchdog_at = now_steady();
-    while (!StopSignals::wanted() && !(player_ && player_->ended())) {
+    while (!PollStop::wanted() && !(player_ && player_->ended())) {
       const SteadyTime now = now_steady();
       outlet_->tend(now);
       netlink_ ? pass_netlink() : play(now);
@@ -112,7 +112,7 @@ class Agent {
   std::unique_ptr<DatPlayer> player_;
   bool playing_ = false;
   FramePairer pairer_;
-  StopSignals signals_;
+  PollStop signals_;
 };
 
 std::unique_ptr<Outlet> open_outlet(const AgentOptions& options) {

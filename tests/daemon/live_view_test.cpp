@@ -129,6 +129,74 @@ TEST(LiveView, RoomAxesPointTheRightWay) {
   EXPECT_LT(near_left.second, far_right.second);
 }
 
+TruthView truth_with(std::uint32_t people) {
+  TruthView view;
+  Truth shown;
+  for (std::uint32_t id = 1; id <= people; ++id)
+    shown.people.push_back({id, testing::standing_person(id, static_cast<float>(id), 1).joints});
+  view.shown = shown;
+  view.age_s = 0.0921;
+  view.with_poses = true;
+  view.poses = {200, 150, 400, 380, 300, 42.6};
+  view.guess = {199, 199, 400, 400, 20, 9};
+  return view;
+}
+
+std::size_t spans_of(Tone tone, const std::vector<Line>& lines) {
+  std::size_t count = 0;
+  for (const Line& line : lines)
+    for (const Span& span : line) count += span.tone == tone;
+  return count;
+}
+
+TEST(LiveView, ShowsTheTruthForWhatItIsAndTheErrorBesideAGuess) {
+  LiveState state = state_with(2);
+  state.hello.untrained = false;
+  state.truth = truth_with(2);
+  const auto lines = render_live(state, 80, 24);
+  const std::string text = text_of(lines, 80);
+  for (const char* part :
+       {"2 people (dotted), 92 ms ago as the poses: the simulator's, no result",
+        "poses     0.142 m off,  75 % found, count right  75 % of 200",
+        "mean pose 0.450 m off,   5 % found, count right 100 % (constant guess)", "t1", "t2"})
+    EXPECT_TRUE(has(text, part)) << part << "\n" << text;
+  EXPECT_TRUE(has(text, "From above")) << "there is room for pictures in the smallest usual terminal";
+  EXPECT_GT(spans_of(Tone::truth, lines), 4U);
+}
+
+TEST(LiveView, TruthIsDrawnWhenNobodyIsClaimedAndNotTakenForAResult) {
+  LiveState state = state_with(0);
+  state.hello.untrained = true;
+  state.truth = truth_with(1);
+  state.truth->poses = {10, 0, 10, 0, 0, 0};
+  const auto lines = render_live(state, 120, 50);
+  EXPECT_FALSE(shows_somebody(lines));
+  EXPECT_GT(spans_of(Tone::truth, lines), 2U);
+  EXPECT_TRUE(has(text_of(lines), "nobody is claimed: the weights are random (UNTRAINED)")) << text_of(lines);
+  EXPECT_TRUE(has(text_of(lines), "1 person (dotted)"));
+}
+
+TEST(LiveView, ATruthThatIsOldIsNotDrawn) {
+  LiveState state = state_with(1);
+  state.truth = truth_with(1);
+  state.truth->shown.reset();
+  state.truth->silence = "the simulator has ended";
+  const auto lines = render_live(state, 120, 50);
+  EXPECT_EQ(spans_of(Tone::truth, lines), 0U);
+  EXPECT_TRUE(has(text_of(lines), "the simulator has ended"));
+}
+
+TEST(LiveView, TruthFitsTheTerminalToo) {
+  LiveState state = state_with(5);
+  state.truth = truth_with(3);
+  for (const std::size_t rows : {1U, 14U, 24U, 29U, 30U, 48U})
+    for (const std::size_t width : {20U, 80U, 200U}) {
+      const auto lines = render_live(state, width, rows);
+      EXPECT_LE(lines.size(), rows);
+      for (const Line& line : lines) EXPECT_LE(columns(to_text(line, width, false)), width);
+    }
+}
+
 TEST(LiveView, NumbersThatAreNoneAreHarmless) {
   LiveState state = state_with(2);
   for (Point3& joint : state.pose->frame.people[0].joints) joint = {kUnknown, kUnknown, kUnknown};

@@ -1,4 +1,4 @@
-// proto/stop_signals.h - SIGTERM and SIGINT for programs whose loop waits in ppoll(). C++17-clean.
+// proto/poll_stop.h - SIGTERM and SIGINT for programs whose loop waits in ppoll(). C++17-clean.
 #pragma once
 
 #include <csignal>
@@ -7,9 +7,9 @@ namespace csipose {
 
 /// Signals to stop arrive only inside ppoll(), so none is missed between a look at wanted() and the wait. Threads begun
 /// later never get them.
-class StopSignals {
+class PollStop {
  public:
-  StopSignals() {
+  PollStop() {
     struct sigaction action {};
     action.sa_handler = [](int) { wanted_ = 1; };
     sigset_t stop;
