@@ -1,5 +1,6 @@
 // csipose-soak - the live path for as long as you like: three processes on the loopback feed one daemon, and every packet is
-// asked for at the end. Two csipose-agents send sealed UDP, a third process sends csitool's TCP framing.
+// asked for at the end. Two csipose-agents send sealed UDP, a third process sends csitool's TCP framing. With --sim the
+// simulator takes their place: an office with two people who walk, three sealed receivers, and what that costs is told.
 //
 // Prints, for each rate: packets sent, received and counted as lost for each receiver (their difference must be 0), deadlines
 // missed one by one, the delay from a window's last sample to publication and its jitter, and resident memory over
@@ -31,6 +32,7 @@ constexpr long kFlatKiB = 256;        // growth of resident memory after that wh
 
 struct Options {
   int seconds = 600;
+  bool sim = false;
   std::vector<double> rates_hz = {300, 1000};
   std::string preset = "micro", precision = "f32", dat_file;
   int threads = 1, budget_ms = 50, jitter_ms = 15;
@@ -50,6 +52,9 @@ struct Run {
   ReceivedStatus status;
   std::vector<std::string> missed;  ///< lines of the log
   std::array<std::uint64_t, kReceivers> sent{};
+  double simulator_cpu_s = 0;                    ///< user and system
+  std::string simulator_said;                    ///< its last line of how it went
+  std::map<std::string, std::uint64_t> sources;  ///< frames by LIVE, SIMULATED
 };
 
 class Soak {
@@ -89,15 +94,22 @@ class Soak {
     config << fmt::format(
         "[daemon]\nrun_dir = \"{0}\"\nstate_dir = \"{0}\"\n[model]\npath = \"{0}/model\"\nthreads = "
         "{1}\nprecision = \"{2}\"\n"
-        "[ingest]\nlisten = \"udp://127.0.0.1:0\"\nlisten_tcp = \"tcp://127.0.0.1:0\"\n"
+        "[ingest]\nlisten = \"udp://127.0.0.1:0\"\n{5}"
         "[loop]\nbudget_ms = {3}\njitter_ms = {4}\n[people]\nmin_score = 0.0\n",
-        folder_.string(), options_.threads, options_.precision, options_.budget_ms, options_.jitter_ms);
-    for (const char* id : {"rx1", "rx2"}) {
-      create_agent_key(in_folder(id), id, KeyKind::live);
+        folder_.string(), options_.threads, options_.precision, options_.budget_ms, options_.jitter_ms,
+        options_.sim ? "" : "listen_tcp = \"tcp://127.0.0.1:0\"\n");
+    for (const std::string& id : sealed_receivers()) {
+      create_agent_key(in_folder(id), id, options_.sim ? KeyKind::simulated : KeyKind::live);
       config << fmt::format("[[receiver]]\nid = \"{0}\"\nkey_file = \"{1}/{0}\"\n", id, folder_.string());
     }
+    if (options_.sim) return;
     config << "[[receiver]]\nid = \"rx3\"\npeer = \"127.0.0.1\"\ninsecure = true\n";
     if (options_.dat_file.empty()) make_recording();
+  }
+
+  std::vector<std::string> sealed_receivers() const {
+    return options_.sim ? std::vector<std::string>{"rx1", "rx2", "rx3"}
+                        : std::vector<std::string>{"rx1", "rx2"};
   }
 
   void make_recording() const {
@@ -132,7 +144,19 @@ class Soak {
     return log.substr(at, log.find_first_not_of("0123456789.:", at) - at);
   }
 
+  void start_simulator() {
+    senders_.push_back(std::make_unique<Program>(
+        "csipose-sim",
+        std::vector<std::string>{
+            "live", "--to", address_of("udp"), "--keys",
+            fmt::format("{},{},{}", in_folder("rx1"), in_folder("rx2"), in_folder("rx3")), "--scene",
+            "office", "--people", "2", "--rate", fmt::format("{}", rate_hz_), "--truth",
+            in_folder("truth.sock")},
+        folder_ / "sim.log"));
+  }
+
   void start_senders() {
+    if (options_.sim) return start_simulator();
     const std::string rate = fmt::format("{}", rate_hz_);
     for (const std::string id : {"rx1", "rx2", "rx3"}) {
       std::vector<std::string> arguments = {"--id",   id,   "--dat",  recording(),
@@ -178,6 +202,7 @@ class Soak {
   void note(const ReceivedPose& pose) {
     const PoseFrame& frame = pose.frame;
     ++run_.states[std::string(name_of(frame.state))];
+    ++run_.sources[std::string(name_of(frame.source))];
     run_.dropped_before += pose.dropped_before;
     const bool has_window =
         frame.state == State::tracking || frame.state == State::empty || frame.state == State::degraded;
@@ -192,8 +217,37 @@ class Soak {
     return 0;
   }
 
+  /// The simulator says at its end how much each of its receivers has sent.
+  void stop_simulator() {
+    run_.simulator_cpu_s = cpu_s(senders_[0]->pid());
+    senders_[0]->send(SIGTERM);
+    if (senders_[0]->wait() != 0)
+      throw SetupError(ExitStatus::runtime, "the simulator broke: " + senders_[0]->log());
+    const std::string log = senders_[0]->log();
+    for (std::size_t r = 0; r < kReceivers; ++r) {
+      const auto line = log.rfind(fmt::format("rx{}: ", r + 1));
+      run_.sent[r] = std::stoull(log.substr(log.find(" sent=", line) + 6));
+    }
+    const auto end = log.find(" s put off"), begin = log.rfind("live: ", log.rfind(" s put off"));
+    if (end != std::string::npos)
+      run_.simulator_said = log.substr(begin + 6, log.find('\n', begin) - begin - 6);
+  }
+
+  /// User and system time of a process.
+  static double cpu_s(int pid) {
+    std::ifstream file(fmt::format("/proc/{}/stat", pid));
+    std::string text((std::istreambuf_iterator<char>(file)), {});
+    std::istringstream fields(text.substr(text.rfind(')') + 1));
+    std::string word;
+    for (int i = 0; i < 11; ++i) fields >> word;
+    double user = 0, system = 0;
+    fields >> user >> system;
+    return (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
+  }
+
   /// The senders say at their end how much they have sent.
   void stop_senders() {
+    if (options_.sim) return stop_simulator();
     for (std::size_t r = 0; r < senders_.size(); ++r) {
       senders_[r]->send(SIGTERM);
       if (senders_[r]->wait() != 0)
@@ -286,10 +340,18 @@ bool report_memory(const Run& run) {
   return after - before <= kFlatKiB;
 }
 
+void report_simulator(const Run& run, int seconds) {
+  fmt::print("  simulator: {}\n", run.simulator_said);
+  fmt::print("  simulator: {:.1f} s of one core in {} s, {:.1f} %\n", run.simulator_cpu_s, seconds,
+             100 * run.simulator_cpu_s / seconds);
+  for (const auto& [source, count] : run.sources) fmt::print("  frames that say {}: {}\n", source, count);
+}
+
 bool report(const Run& run, double rate_hz, int seconds) {
   const Status& status = run.status.status;
   fmt::print("== {} packets a second, {} s, {}\n", rate_hz, seconds, status.engine);
   const bool all_packets = report_packets(run);
+  if (!run.simulator_said.empty()) report_simulator(run, seconds);
   std::vector<std::string> states;
   for (const auto& [state, count] : run.states) states.push_back(fmt::format("{} {}", state, count));
   fmt::print("  frames by state: {}; lost before this subscriber {}\n", fmt::join(states, ", "),
@@ -309,6 +371,7 @@ Options parse(CLI::App& app, int argc, char** argv) {
   app.add_option("--seconds", options.seconds, "for each rate")
       ->check(CLI::Range(5, 86400))
       ->capture_default_str();
+  app.add_flag("--sim", options.sim, "the simulator in place of three senders: office, two people who walk");
   app.add_option("--rates", options.rates_hz, "packets a second of each sender")
       ->delimiter(',')
       ->capture_default_str();

@@ -56,6 +56,11 @@ void make_key_folder(const std::string& folder) {
                     error.message()));
 }
 
+/// The simulator plays all three receivers, so it is started when all have keys.
+std::string simulator_line(const AgentWords& words, const std::string& path, const std::string& host) {
+  return fmt::format("csipose-sim live --to {}:{} --keys {},KEY_OF_RX2,KEY_OF_RX3", host, words.port, path);
+}
+
 void add(const AgentWords& words) {
   const std::string path = key_path(words), host = words.host.empty() ? host_name() : words.host;
   make_key_folder(words.folder);
@@ -63,7 +68,8 @@ void add(const AgentWords& words) {
                    words.simulated ? KeyKind::simulated
                    : words.replay  ? KeyKind::replay
                                    : KeyKind::live);
-  const std::string start_line = agent_start_line(path, words.id, host, words.port);
+  const std::string start_line = words.simulated ? simulator_line(words, path, "127.0.0.1")
+                                                 : agent_start_line(path, words.id, host, words.port);
   if (tool_options().json) {
     print_out(nlohmann::json{{"id", words.id}, {"key_file", path}, {"run_on_receiver", start_line}}.dump() +
               '\n');
@@ -72,8 +78,11 @@ void add(const AgentWords& words) {
   print_out(
       fmt::format("Made {}.\nPut this into csiposed.toml, with the receiver's place in the room, and restart "
                   "csiposed:\n\n{}\n"
-                  "Then run this on the receiver's host:\n\n{}\n",
-                  path, receiver_table(words, path), start_line));
+                  "Then run this {}:\n\n{}\n",
+                  path, receiver_table(words, path),
+                  words.simulated ? "here, with the keys of all three receivers in the order of the room's"
+                                  : "on the receiver's host",
+                  start_line));
 }
 
 std::vector<fs::path> key_files(const std::string& folder) {

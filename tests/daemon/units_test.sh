@@ -20,3 +20,4 @@ exposure() {  # unit, most tenths allowed
 }
 exposure csiposed.service 2
 exposure csipose-agent@.service 15
+exposure csiposed-sim.service 15
