@@ -8,6 +8,7 @@
 #include "bvh_text.h"
 #include "proto/result.h"
 #include "sim/captured_scene.h"
+#include "tests/counting_allocator.h"
 
 namespace csipose::sim {
 namespace {
@@ -282,6 +283,16 @@ TEST(Captured, TakesAxesFromTheTable) {
                b = captured(BvhWriter()({{}}, 0.01, root), {}, namings).at(0);
   expect_near(a.knees[kLeft], b.knees[kLeft]);
   expect_near(a.hands[kRight], b.hands[kRight]);
+}
+
+TEST(Captured, AllocatesNothingOnceItIsRead) {
+  const CapturedMotion person =
+      captured(BvhWriter()({{}, {{"Hips.Yrotation", 40}}, {{"LeftLeg.Xrotation", 40}}}));
+  const std::uint64_t before = testing::allocations;
+  double sum = 0;
+  for (int i = 0; i < 100; ++i) sum += person.at(2e-4 * i).hands[kLeft].z;
+  EXPECT_EQ(testing::allocations, before);
+  EXPECT_GT(sum, 0);
 }
 
 TEST(Captured, AsksWhichWayIsUpWhenNobodyStands) {

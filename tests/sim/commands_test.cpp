@@ -11,6 +11,7 @@
 #include <fstream>
 #include <string>
 
+#include "bvh_text.h"
 #include "proto/npy.h"
 
 namespace csipose::sim {
@@ -75,6 +76,24 @@ TEST_F(Commands, RefusesWithWordsAndAStatus) {
   const Outcome blocked = run("record --seconds 0.1 --out " + (folder_ / "file" / "below").string());
   EXPECT_EQ(blocked.status, 73);
   EXPECT_NE(blocked.words.find("file/below"), std::string::npos);
+}
+
+TEST_F(Commands, PlaysMotionCaptureFiles) {
+  const std::string file = (folder_ / "walk.bvh").string(), out = " --out " + (folder_ / "a").string();
+  std::ofstream(file) << BvhWriter()({{}, {{"Hips.Zposition", 50}}}, 0.5);
+  const std::string play = "record --scene empty --bvh " + file;
+  ASSERT_EQ(run(play + " --bvh " + file + " --seconds 0.2" + out).status, 0);
+  const auto truth = read_npy<float>(folder_ / "a" / "truth.npy");
+  EXPECT_EQ(truth.shape, (NpyShape{60, 2, 14, 3}));
+  const std::size_t last = truth.data.size() - 2 * 14 * 3;
+  EXPECT_NEAR(truth.data[last] - truth.data[0], 0.5 * 59 / 150, 1e-4) << "one metre a second along x";
+
+  const Outcome giant = run(play + " --bvh-unit 1" + out);
+  EXPECT_EQ(giant.status, 65);
+  EXPECT_NE(giant.words.find("m tall at 1 m per unit"), std::string::npos) << giant.words;
+  EXPECT_EQ(run("record --scene empty --bvh " + file + ".gone" + out).status, 66);
+  EXPECT_EQ(run("record --scene reflector --bvh " + file + out).status, 64);
+  EXPECT_EQ(run("record --scene empty --bvh-unit 1" + out).status, 64);
 }
 
 TEST_F(Commands, AHumanDataSetIsTheSameHoweverOftenItWasInterrupted) {
