@@ -6,6 +6,7 @@ class App;
 }
 
 namespace csipose::sim {
+void add_bench(CLI::App& app);
 void add_dataset(CLI::App& app);
 void add_live(CLI::App& app);
 void add_record(CLI::App& app);

@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
   CLI::App app("csipose-sim: rooms, bodies and radio that make Intel 5300 CSI");
   app.set_version_flag("--version", "csipose-sim " CSIPOSE_VERSION " (" CSIPOSE_COMMIT ")");
   app.require_subcommand(1);
+  csipose::sim::add_bench(app);
   csipose::sim::add_dataset(app);
   csipose::sim::add_live(app);
   csipose::sim::add_record(app);

@@ -1,5 +1,7 @@
 #include "sim/fast_kernels.h"
 
+#include <cstdlib>
+
 namespace csipose::sim {
 
 extern const FastKernels kKernels_plain, kKernels_avx2, kKernels_avx512;
@@ -16,6 +18,8 @@ const FastKernels* find_kernels(std::string_view name) {
 }
 
 const FastKernels& best_kernels() {
+  if (const char* lower = std::getenv("CSIPOSE_SIM_ISA"))
+    if (const FastKernels* kernels = find_kernels(lower)) return *kernels;
   for (const char* name : {"avx512", "avx2"})
     if (const FastKernels* kernels = find_kernels(name)) return *kernels;
   return kKernels_plain;

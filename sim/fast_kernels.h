@@ -111,7 +111,7 @@ struct FastKernels {
   void (*add_scaled)(ToneSum& sum, float re, float im, const ToneSum& path);
 };
 
-/// For this processor. The three differ in the last bits only.
+/// For this processor, or those that the environment's CSIPOSE_SIM_ISA names. The three differ in the last bits only.
 const FastKernels& best_kernels();
 /// "avx512", "avx2" or "plain"; nullptr when this processor cannot run it.
 const FastKernels* find_kernels(std::string_view name);
