@@ -25,12 +25,8 @@ at::Tensor rows(const at::Tensor& x, const std::vector<std::int64_t>& window,
   return x.index({index_tensor(window, x), index_tensor(row, x)});
 }
 
-double class_divisor(const Matches& matches, const MeanOverProcesses& mean) {
-  return std::max(mean(static_cast<double>(matches.size())), 1.);
-}
-double pose_divisor(const Matches& matches, const MeanOverProcesses& mean) {
-  return std::max(static_cast<double>(kPoseWidth) * mean(static_cast<double>(matches.size())), 1.);
-}
+double class_divisor(double matched) { return std::max(matched, 1.); }
+double pose_divisor(double matched) { return std::max(static_cast<double>(kPoseWidth) * matched, 1.); }
 
 /// For each window the queries to refine, (B, P): the matched ones in the order of matches; short windows repeat query 0.
 /// `slot` takes the place of each match within its window.
@@ -45,9 +41,9 @@ at::Tensor chosen_queries(const Matches& matches, std::int64_t windows, std::vec
 }
 
 void add_layer(SetLoss& loss, const at::Tensor& cls, const at::Tensor& kpt, const Matches& matches,
-               const People& people, const SetLossWeights& weights, const MeanOverProcesses& mean) {
-  loss.cls = loss.cls + weights.cls * focal_sum(cls, matches) / class_divisor(matches, mean);
-  loss.kpt = loss.kpt + weights.kpt * squared_error_sum(kpt, matches, people) / pose_divisor(matches, mean);
+               const People& people, const SetLossWeights& weights, double matched) {
+  loss.cls = loss.cls + weights.cls * focal_sum(cls, matches) / class_divisor(matched);
+  loss.kpt = loss.kpt + weights.kpt * squared_error_sum(kpt, matches, people) / pose_divisor(matched);
 }
 
 struct RefinedMatches {
@@ -125,16 +121,16 @@ at::Tensor squared_error_sum(const at::Tensor& kpt, const Matches& matches, cons
 
 SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
                  const People& people, const SetLossWeights& weights, const Numerics& numerics,
-                 const MeanOverProcesses& mean) {
+                 double matched) {
   SetLoss loss;
   loss.cls = loss.kpt = loss.refine = at::zeros({}, decoded.memory.options());
   for (std::size_t i = 0; i < shape.decoder_layers; ++i) {
     loss.last = match(decoded.cls[i], decoded.kpt[i], people, weights);
-    add_layer(loss, decoded.cls[i], decoded.kpt[i], loss.last, people, weights, mean);
+    add_layer(loss, decoded.cls[i], decoded.kpt[i], loss.last, people, weights, matched);
   }
   const Matches proposals = match(decoded.enc_cls, decoded.enc_kpt, people, weights);
-  add_layer(loss, decoded.enc_cls, decoded.enc_kpt, proposals, people, weights, mean);
-  const double divisor = pose_divisor(loss.last, mean);
+  add_layer(loss, decoded.enc_cls, decoded.enc_kpt, proposals, people, weights, matched);
+  const double divisor = pose_divisor(matched);
   if (shape.refine_layers > 0 && loss.last.size() > 0) {
     const RefinedMatches found = refine_matches(parameters, shape, decoded, loss.last, numerics);
     const Matches placed{loss.last.window, found.slot, loss.last.person};
@@ -147,10 +143,9 @@ SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const 
 
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
                       const People& people, const SetLossWeights& weights, const Numerics& numerics,
-                      const MeanOverProcesses& mean) {
+                      double matched) {
   const Matches matches = match(decoded.cls.back(), decoded.kpt.back(), people, weights);
-  const double divisor =
-      std::max(1., static_cast<double>(kJoints) * mean(static_cast<double>(matches.size())));
+  const double divisor = std::max(1., static_cast<double>(kJoints) * matched);
   const RefinedMatches found = refine_matches(parameters, shape, decoded, matches, numerics);
   const at::Tensor sigma_m = joint_sigma_m(parameters, found.refined.state.detach());
   if (matches.size() == 0) return 0 * sigma_m.sum();

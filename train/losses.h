@@ -6,7 +6,6 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <vector>
 
 #include "train/network.h"
@@ -47,20 +46,18 @@ struct SetLoss {
   at::Tensor total, cls, kpt, refine;
   Matches last;  ///< matches of the last decoder layer
 };
-/// How a sum over this process's windows becomes one over all processes', divided by their number: the divisors of the
-/// losses count matched people of the whole batch. The identity when there is one process.
-using MeanOverProcesses = std::function<double(double)>;
-
-/// Losses of every decoder layer, the proposals and the refinement, which corrects the last layer's matches.
+/// Losses of every decoder layer, the proposals and the refinement, which corrects the last layer's matches. `matched`:
+/// people whom the batch's sums are divided by; with several processes the mean of theirs, so that the gradients' mean is
+/// that of the whole batch.
 SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
                  const People& people, const SetLossWeights& weights, const Numerics& numerics,
-                 const MeanOverProcesses& mean);
+                 double matched);
 
 /// Loss of the sigma head alone: mean of ln sigma + error / sigma over the joints of the last layer's matches (Laplace).
 /// Nothing else learns from it.
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
                       const People& people, const SetLossWeights& weights, const Numerics& numerics,
-                      const MeanOverProcesses& mean);
+                      double matched);
 
 /// SmoothL1 with beta 1, mean over everything.
 at::Tensor prediction_loss(const at::Tensor& predicted, const at::Tensor& target);

@@ -249,4 +249,21 @@ at::Tensor joint_sigma_m(const Parameters& weights, const at::Tensor& state) {
   return at::softplus(raw) + kLeastSigma_m;
 }
 
+EncoderShape encoder_shape(const NetworkConfig& config) { return {config.dim, config.depth, config.heads}; }
+DecoderShape decoder_shape(const NetworkConfig& config) {
+  return {config.decoder_heads, config.decoder_layers, config.refine_layers, config.identity_conditioning};
+}
+
+Poses infer(const Parameters& weights, const NetworkConfig& config, const at::Tensor& tokens,
+            const at::Tensor& visible, const Numerics& numerics) {
+  const at::NoGradGuard no_gradients;
+  const at::Tensor features = encode(weights, "encoder.", encoder_shape(config), tokens, visible, numerics);
+  const DecoderShape shape = decoder_shape(config);
+  const Decoded decoded = decode(weights, shape, memory_of(weights, features, numerics), numerics);
+  const at::Tensor logits = decoded.cls.back().squeeze(-1);
+  if (shape.refine_layers == 0) return {logits, decoded.kpt.back()};
+  const at::Tensor all = at::arange(logits.size(1), decoded.topk.options()).expand(logits.sizes());
+  return {logits, refine(weights, shape, decoded, all, numerics).pose.back()};
+}
+
 }  // namespace csipose::train

@@ -89,4 +89,17 @@ at::Tensor joint_sigma_m(const Parameters& weights, const at::Tensor& state);
 /// Linear 'proj': what the decoder sees of the encoder's output.
 at::Tensor memory_of(const Parameters& weights, const at::Tensor& features, const Numerics& numerics);
 
+// ---- the whole network ----
+
+EncoderShape encoder_shape(const NetworkConfig& config);
+DecoderShape decoder_shape(const NetworkConfig& config);
+
+struct Poses {
+  at::Tensor logits;  ///< (B, Q)
+  at::Tensor joints;  ///< (B, Q, 42) after the last refinement
+};
+/// Every query's answer, as the daemon's engines give it. `visible` as for encode().
+Poses infer(const Parameters& weights, const NetworkConfig& config, const at::Tensor& tokens,
+            const at::Tensor& visible, const Numerics& numerics);
+
 }  // namespace csipose::train

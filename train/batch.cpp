@@ -1,0 +1,162 @@
+#include "train/batch.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "model/seeded_random.h"
+#include "proto/result.h"
+#include "proto/window.h"
+
+namespace csipose::train {
+namespace {
+
+constexpr std::size_t kWindowNumbers = kChannels * kTokens;
+constexpr std::int64_t kPoseWidth = 3 * kJoints;
+
+/// Sums behind mean and deviation.
+struct Moments {
+  double count = 0, sum = 0, squares = 0;
+  void add(std::span<const float> numbers) {
+    for (const float number : numbers) {
+      const auto value = static_cast<double>(number);
+      sum += value;
+      squares += value * value;
+    }
+    count += static_cast<double>(numbers.size());
+  }
+  double mean() const { return sum / std::max(count, 1.); }
+  double deviation() const {
+    return std::sqrt(std::max(squares / std::max(count, 1.) - mean() * mean(), 0.));
+  }
+};
+
+Normalisation normalisation_of(const Moments& amplitude, const Moments& phase, const std::string& source) {
+  const double phase_rms = std::sqrt(phase.squares / std::max(phase.count, 1.));
+  if (!(amplitude.deviation() > 0) || !(phase_rms > 0) || !std::isfinite(amplitude.deviation() + phase_rms))
+    throw SetupError(
+        ExitStatus::bad_data,
+        fmt::format("data set {}: its amplitudes or phases do not vary, or are no numbers", source));
+  return {static_cast<float>(amplitude.mean()), static_cast<float>(amplitude.deviation()),
+          static_cast<float>(phase_rms)};
+}
+
+void write_tokens(std::span<const float> x, const Normalisation& scaling, float* tokens) {
+  const float amplitude = 1 / scaling.amp_std, phase = 1 / scaling.ph_std;
+  for (std::size_t c = 0; c < kChannels; ++c)
+    for (std::size_t token = 0; token < kTokens; ++token) {
+      const float value = x[c * kTokens + token];
+      tokens[token * kChannels + c] =
+          c < kSubcarriers ? (value - scaling.amp_mean) * amplitude : value * phase;
+    }
+}
+
+}  // namespace
+
+Pool::Pool(std::vector<std::shared_ptr<const WindowSource>> sources)
+    : sources_(std::move(sources)), first_{0} {
+  for (const auto& source : sources_) first_.push_back(first_.back() + source->size());
+  scaling_.resize(sources_.size());
+}
+
+std::pair<std::size_t, std::size_t> Pool::locate(std::size_t i) const {
+  const auto above = std::upper_bound(first_.begin(), first_.end(), i);
+  const auto source = static_cast<std::size_t>(above - first_.begin()) - 1;
+  return {source, i - first_[source]};
+}
+
+std::string Pool::describe() const {
+  std::string words;
+  for (const auto& source : sources_)
+    words += fmt::format("{}{} ({})", words.empty() ? "" : ", ", source->name(), source->size());
+  return words;
+}
+
+void Pool::read(std::size_t i, std::span<float> x) const {
+  const auto [source, window] = locate(i);
+  sources_[source]->read(window, x);
+}
+std::span<const Skeleton> Pool::people(std::size_t i) const {
+  const auto [source, window] = locate(i);
+  return sources_[source]->people(window);
+}
+std::uint64_t Pool::clip(std::size_t i) const {
+  const auto [source, window] = locate(i);
+  return (static_cast<std::uint64_t>(source) << 48) ^ sources_[source]->clip(window);
+}
+
+void Pool::measure_scaling(std::span<const std::uint64_t> windows) {
+  std::vector<Moments> amplitude(sources_.size()), phase(sources_.size());
+  std::vector<float> x(kWindowNumbers);
+  constexpr std::size_t kAmplitudes = kSubcarriers * kTokens;
+  for (const std::uint64_t i : windows) {
+    const auto [source, window] = locate(i);
+    sources_[source]->read(window, x);
+    amplitude[source].add(std::span(x).first(kAmplitudes));
+    phase[source].add(std::span(x).subspan(kAmplitudes));
+  }
+  for (std::size_t s = 0; s < sources_.size(); ++s)
+    if (amplitude[s].count > 0) scaling_[s] = normalisation_of(amplitude[s], phase[s], sources_[s]->name());
+}
+
+at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
+  const auto count = static_cast<std::int64_t>(windows.size());
+  at::Tensor out =
+      at::empty({count, static_cast<std::int64_t>(kTokens), static_cast<std::int64_t>(kChannels)});
+  float* numbers = out.data_ptr<float>();
+  at::parallel_for(0, count, 8, [&](std::int64_t from, std::int64_t to) {
+    std::vector<float> x(kWindowNumbers);
+    for (std::int64_t b = from; b < to; ++b) {
+      const auto [source, window] = locate(windows[static_cast<std::size_t>(b)]);
+      sources_[source]->read(window, x);
+      write_tokens(x, scaling_[source], numbers + b * static_cast<std::int64_t>(kWindowNumbers));
+    }
+  });
+  return out;
+}
+
+People Pool::people_of(std::span<const std::uint64_t> windows) const {
+  People out;
+  std::int64_t most = 0;
+  for (const std::uint64_t window : windows) {
+    out.count.push_back(static_cast<std::int64_t>(people(window).size()));
+    most = std::max(most, out.count.back());
+  }
+  out.poses = at::zeros({static_cast<std::int64_t>(windows.size()), most, kPoseWidth});
+  float* numbers = out.poses.data_ptr<float>();
+  for (std::size_t b = 0; b < windows.size(); ++b) {
+    float* pose = numbers + static_cast<std::int64_t>(b) * most * kPoseWidth;
+    for (const Skeleton& person : people(windows[b]))
+      for (const Point3& joint : person) {
+        *pose++ = joint.x;
+        *pose++ = joint.y;
+        *pose++ = joint.z;
+      }
+  }
+  return out;
+}
+
+Split split_by_clip(const Pool& pool, double share, std::uint64_t seed) {
+  std::set<std::uint64_t> clips;
+  for (std::size_t i = 0; i < pool.size(); ++i) clips.insert(pool.clip(i));
+  const std::vector<std::uint64_t> order = shuffled({clips.begin(), clips.end()}, seed, UINT64_MAX);
+  const double wanted =
+      share > 0 && clips.size() > 1 ? std::max(1., share * static_cast<double>(clips.size())) : 0;
+  const auto held = static_cast<std::size_t>(std::lround(wanted));
+  const std::set<std::uint64_t> out(order.begin(), order.begin() + static_cast<std::ptrdiff_t>(held));
+  Split split;
+  for (std::size_t i = 0; i < pool.size(); ++i)
+    (out.count(pool.clip(i)) > 0 ? split.held_out : split.train).push_back(i);
+  return split;
+}
+
+std::vector<std::uint64_t> shuffled(std::vector<std::uint64_t> windows, std::uint64_t seed,
+                                    std::uint64_t epoch) {
+  SeededRandom random(seed, "shuffle", {epoch});
+  for (std::size_t i = windows.size(); i > 1; --i) std::swap(windows[i - 1], windows[random.index(i)]);
+  return windows;
+}
+
+}  // namespace csipose::train

@@ -1,0 +1,73 @@
+// train/batch.h - windows and labels of data sets as tensors: pooled, held out by clip, scaled by corpus, shuffled by seed.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "model/model.h"
+#include "proto/pose.h"
+#include "train/losses.h"
+#include "train/masks.h"
+#include "train/torch.h"
+
+namespace csipose::train {
+
+/// What training asks of a data set. Reading is safe from several threads.
+class WindowSource {
+ public:
+  virtual ~WindowSource() = default;
+  virtual std::size_t size() const = 0;
+  virtual std::string name() const = 0;
+  /// Writes window i as Window::x, [60][20][9], not normalised.
+  virtual void read(std::size_t i, std::span<float> x) const = 0;
+  /// Its people in the label frame; empty for a set without labels too.
+  virtual std::span<const Skeleton> people(std::size_t i) const = 0;
+  /// Windows of a clip are much alike: they are held out together.
+  virtual std::uint64_t clip(std::size_t i) const = 0;
+};
+
+/// Several data sets as one, each with its own scaling.
+class Pool {
+ public:
+  explicit Pool(std::vector<std::shared_ptr<const WindowSource>> sources);
+
+  std::size_t size() const { return first_.back(); }
+  /// A line for people and for metadata: "sim-object (90000), piw3d (85000)".
+  std::string describe() const;
+  void read(std::size_t i, std::span<float> x) const;
+  std::span<const Skeleton> people(std::size_t i) const;
+  /// Distinct for clips of different sources.
+  std::uint64_t clip(std::size_t i) const;
+
+  /// Measures each source's three scalars on those of its windows that `windows` names.
+  void measure_scaling(std::span<const std::uint64_t> windows);
+  /// The same scalars for all sources: those that a network was trained with.
+  void set_scaling(const Normalisation& scaling) { scaling_.assign(sources_.size(), scaling); }
+  const std::vector<Normalisation>& scaling() const { return scaling_; }
+
+  /// Tokens (windows, 180, 60), scaled.
+  at::Tensor tokens(std::span<const std::uint64_t> windows) const;
+  People people_of(std::span<const std::uint64_t> windows) const;
+
+ private:
+  std::pair<std::size_t, std::size_t> locate(std::size_t i) const;
+
+  std::vector<std::shared_ptr<const WindowSource>> sources_;
+  std::vector<std::size_t> first_;  // of each source, and the end
+  std::vector<Normalisation> scaling_;
+};
+
+struct Split {
+  std::vector<std::uint64_t> train, held_out;
+};
+/// Whole clips, `share` of them (at least one when share > 0 and there are two), chosen by `seed`.
+Split split_by_clip(const Pool& pool, double share, std::uint64_t seed);
+
+/// The windows in the order of an epoch.
+std::vector<std::uint64_t> shuffled(std::vector<std::uint64_t> windows, std::uint64_t seed,
+                                    std::uint64_t epoch);
+
+}  // namespace csipose::train

@@ -1,0 +1,85 @@
+// csipose-train experiment: a row of the published tables, ours beside theirs.
+#include <fmt/core.h>
+#include <fmt/ranges.h>
+
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <memory>
+
+#include "proto/result.h"
+#include "train/commands.h"
+#include "train/experiment.h"
+#include "train/loop.h"
+#include "train/run_command.h"
+
+namespace csipose::train {
+namespace {
+
+struct ExperimentOptions {
+  std::vector<std::string> ids;
+  std::string preset = "tiny";
+  std::vector<std::uint64_t> seeds{0};
+  ExperimentData data;
+  RunOptions run;
+  bool list = false;
+};
+
+void print_list() {
+  for (const Experiment& row : experiments())
+    fmt::print("{}  {:7.2f} mm  {}\n", row.id, row.published_mm, row.words);
+}
+
+void print_row(const Experiment& row, const std::vector<ExperimentResult>& results,
+               const ExperimentOptions& options) {
+  double sum = 0, squares = 0;
+  std::vector<std::string> each;
+  for (const ExperimentResult& result : results) {
+    sum += result.error_mm;
+    squares += result.error_mm * result.error_mm;
+    each.push_back(fmt::format("{:.1f}", result.error_mm));
+  }
+  const auto count = static_cast<double>(results.size());
+  const double mean = sum / count, spread = std::sqrt(std::max(0., squares / count - mean * mean));
+  fmt::print(
+      "{}  {}\n  published {:.2f} mm (preset paper, Person-in-WiFi 3D)\n  ours      {:.2f} mm, spread {:.2f} "
+      "(seeds {}: {}; preset {})\n  data      {}; judged on {}, protocol piw3d: nearest of all hypotheses\n",
+      row.id, row.words, row.published_mm, mean, spread, fmt::join(options.seeds, ", "),
+      fmt::join(each, ", "), options.preset, fmt::join(options.data.real, ", "),
+      fmt::join(options.data.test, ", "));
+  std::fflush(stdout);
+}
+
+void run(ExperimentOptions options) {
+  if (options.list) return print_list();
+  if (options.ids.empty())
+    throw SetupError(ExitStatus::usage, "name the experiments, or --list; see docs/training.md");
+  options.run.set.push_back("network.preset=" + options.preset);
+  RunSettings settings = read_run_file(options.run.file, options.run.set);
+  if (settings.run.out.empty()) settings.run.out = "experiments";
+  prepare_machine(settings);
+  for (const std::string& id : options.ids) {
+    const Experiment& row = experiment_named(id);
+    print_row(row, run_experiment(row, settings, options.data, options.seeds), options);
+  }
+}
+
+}  // namespace
+
+void add_experiment(CLI::App& app) {
+  auto options = std::make_shared<ExperimentOptions>();
+  CLI::App* command =
+      app.add_subcommand("experiment", "rows of the published tables: pre-train, fine-tune, judge");
+  command->add_option("rows", options->ids, "T5a, T7d, ...");
+  command->add_flag("--list", options->list, "the rows that there are");
+  command->add_option("--data", options->data.real, "data sets with labels to learn from");
+  command->add_option("--objects", options->data.objects, "sim-object data sets");
+  command->add_option("--humans", options->data.humans, "sim-human data sets");
+  command->add_option("--test", options->data.test, "data sets to judge by");
+  command->add_option("--preset", options->preset, "paper, base, small, tiny, micro")->capture_default_str();
+  command->add_option("--seeds", options->seeds, "one run each")->capture_default_str();
+  command->add_option("--run", options->run.file, "run file with what the rows share");
+  command->add_option("--set", options->run.set, "section.key=value")->allow_extra_args(false);
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace csipose::train

@@ -1,0 +1,13 @@
+// train/commands.h - the commands of csipose-train; each is one file cmd_NAME.cpp and throws SetupError.
+#pragma once
+
+namespace CLI {
+class App;
+}
+
+namespace csipose::train {
+void add_defaults(CLI::App& app);
+void add_experiment(CLI::App& app);
+void add_finetune(CLI::App& app);
+void add_pretrain(CLI::App& app);
+}  // namespace csipose::train

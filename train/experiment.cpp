@@ -1,0 +1,133 @@
+#include "train/experiment.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <numeric>
+
+#include "proto/result.h"
+#include "train/finetune.h"
+#include "train/pretrain.h"
+#include "train/window_folder.h"
+
+namespace csipose::train {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The first windows of another set, whole clips as they come: half of a set for rows that mix halves.
+class Part : public WindowSource {
+ public:
+  Part(std::shared_ptr<const WindowSource> whole, double share)
+      : whole_(std::move(whole)),
+        size_(static_cast<std::size_t>(share * static_cast<double>(whole_->size()))) {
+    while (size_ < whole_->size() && size_ > 0 && whole_->clip(size_) == whole_->clip(size_ - 1)) ++size_;
+  }
+  std::size_t size() const override { return size_; }
+  std::string name() const override { return whole_->name(); }
+  void read(std::size_t i, std::span<float> x) const override { whole_->read(i, x); }
+  std::span<const Skeleton> people(std::size_t i) const override { return whole_->people(i); }
+  std::uint64_t clip(std::size_t i) const override { return whole_->clip(i); }
+
+ private:
+  std::shared_ptr<const WindowSource> whole_;
+  std::size_t size_;
+};
+
+using Sources = std::vector<std::shared_ptr<const WindowSource>>;
+
+void open_into(Sources& sources, const std::vector<std::string>& folders, double share, std::string_view id,
+               std::string_view option) {
+  if (folders.empty())
+    throw SetupError(ExitStatus::bad_config,
+                     fmt::format("experiment {} needs data: name it with {}", id, option));
+  for (const std::string& folder : folders) {
+    auto source = open_window_folder(folder);
+    if (share < 1) source = std::make_shared<Part>(source, share);
+    sources.push_back(source);
+  }
+}
+
+Sources pretraining_data(const Experiment& row, const ExperimentData& data) {
+  Sources sources;
+  if (row.real) open_into(sources, data.real, row.share, row.id, "--data");
+  if (row.objects) open_into(sources, data.objects, row.share, row.id, "--objects");
+  if (row.humans) open_into(sources, data.humans, row.share, row.id, "--humans");
+  return sources;
+}
+
+double judge(const fs::path& weights_file, const Pool& test) {
+  const Weights weights = read_weights(weights_file);
+  std::vector<std::uint64_t> all(test.size());
+  std::iota(all.begin(), all.end(), std::uint64_t{0});
+  const bool bf16 = weights.metadata.at("numerics") == "bf16";
+  return 1000 * oracle_error_m(weights.parameters, weights.config, test, all,
+                               Numerics{bf16 ? at::kBFloat16 : at::kFloat, 0});
+}
+
+void must_finish(const Outcome& outcome) {
+  if (!outcome.finished)
+    throw SetupError(ExitStatus::try_again, "stopped; the same command goes on where it stopped");
+}
+
+ExperimentResult run_seed(const Experiment& row, RunSettings settings, const ExperimentData& data,
+                          std::uint64_t seed) {
+  const fs::path folder = fs::path(settings.run.out) / fmt::format("{}-seed{}", row.id, seed);
+  settings.run.seed = static_cast<int>(seed);
+  settings.pretrain.mask = row.mask;
+  if (row.pretrained) {
+    Pool pool(pretraining_data(row, data));
+    settings.run.out = folder / "pretrain";
+    must_finish(pretrain(settings, pool, Workers()));
+    settings.finetune.init = (folder / "pretrain" / "pretrained.safetensors").string();
+  }
+  Sources labelled, test;
+  open_into(labelled, data.real, 1, row.id, "--data");
+  open_into(test, data.test, 1, row.id, "--test");
+  Pool pool(std::move(labelled)), judged(std::move(test));
+  settings.run.out = folder / "finetune";
+  must_finish(finetune(settings, pool, Workers()));
+  judged.set_scaling(pool.scaling().front());
+  return {seed, judge(folder / "finetune" / "best.safetensors", judged)};
+}
+
+}  // namespace
+
+const std::vector<Experiment>& experiments() {
+  static const std::vector<Experiment> rows = {
+      {"T5a", "from scratch", 102.4, false, false, false, false, 1, "link"},
+      {"T5b", "pre-trained on sim-object", 100.1, true, false, true, false, 1, "link"},
+      {"T5c", "pre-trained on sim-human", 110.3, true, false, false, true, 1, "link"},
+      {"T5d", "pre-trained on the data itself", 97.1, true, true, false, false, 1, "link"},
+      {"T5e", "pre-trained on half of the data and half of sim-object", 97.2, true, true, true, false, 0.5,
+       "link"},
+      {"T5f", "pre-trained on the data and sim-object", 93.5, true, true, true, false, 1, "link"},
+      {"T7a", "random masking", 105.14, true, true, false, false, 1, "random"},
+      {"T7b", "masking of blocks", 102.06, true, true, false, false, 1, "block"},
+      {"T7c", "masking of times", 104.24, true, true, false, false, 1, "time"},
+      {"T7d", "masking of links", 97.10, true, true, false, false, 1, "link"},
+  };
+  return rows;
+}
+
+const Experiment& experiment_named(std::string_view id) {
+  const auto& rows = experiments();
+  const auto found = std::ranges::find(rows, id, &Experiment::id);
+  std::vector<std::string_view> names;
+  for (const Experiment& row : rows) names.push_back(row.id);
+  if (found == rows.end())
+    throw SetupError(ExitStatus::usage,
+                     fmt::format("there is no experiment '{}'; take one of {}", id, fmt::join(names, ", ")));
+  return *found;
+}
+
+std::vector<ExperimentResult> run_experiment(const Experiment& experiment, const RunSettings& settings,
+                                             const ExperimentData& data,
+                                             const std::vector<std::uint64_t>& seeds) {
+  std::vector<ExperimentResult> results;
+  for (const std::uint64_t seed : seeds) results.push_back(run_seed(experiment, settings, data, seed));
+  return results;
+}
+
+}  // namespace csipose::train

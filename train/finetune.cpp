@@ -1,0 +1,399 @@
+#include "train/finetune.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numeric>
+
+#include "model/seeded_random.h"
+#include "proto/result.h"
+#include "proto/window.h"
+#include "train/losses.h"
+#include "train/schedules.h"
+#include "version.h"
+
+namespace csipose::train {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kPaperLr = 2e-5, kReducedLr = 3e-4;
+constexpr double kPaperEncoderLr = 0.1, kReducedEncoderLr = 0.3;
+constexpr double kSigmaLr = 1e-3;      // of the head for the expected error: one row of numbers
+constexpr double kStepAt = 0.8;        // of the steps; then a tenth of the rate
+constexpr double kCosineFloor = 0.01;  // of the rate
+constexpr std::size_t kEvaluationBatch = 64;
+constexpr std::int64_t kPoseWidth = 3 * kJoints;
+
+/// The recipe with what "by preset" stands for filled in.
+struct Recipe {
+  explicit Recipe(const RunSettings& settings) {
+    const bool paper = settings.network.preset == "paper";
+    const auto& s = settings.finetune;
+    lr = s.lr > 0 ? s.lr : paper ? kPaperLr : kReducedLr;
+    encoder_factor = s.encoder_lr > 0 ? s.encoder_lr : paper ? kPaperEncoderLr : kReducedEncoderLr;
+    cosine = s.schedule == "cosine" || (s.schedule == "auto" && !paper);
+  }
+  double rate(std::uint64_t step, std::uint64_t total) const {
+    if (cosine) return half_cosine(lr, kCosineFloor * lr, step, total);
+    return static_cast<double>(step) > kStepAt * static_cast<double>(total) ? 0.1 * lr : lr;
+  }
+  double lr, encoder_factor;
+  bool cosine;
+};
+
+bool is_learned(const std::string& name) {
+  for (const char* not_learned : {"norm.", "calib.", "predictor.", "target_encoder.", "sigma_branch."})
+    if (name.rfind(not_learned, 0) == 0) return false;
+  return true;
+}
+
+std::vector<ParameterGroup> groups_of(const Parameters& parameters, const RunSettings& settings) {
+  const double decay = settings.finetune.weight_decay;
+  ParameterGroup encoder{parameters.under("encoder."), Recipe(settings).encoder_factor, decay},
+      rest{{}, 1, decay};
+  for (const auto& [name, tensor] : parameters)
+    if (is_learned(name) && name.rfind("encoder.", 0) != 0) rest.parameters.set(name, tensor);
+  return {encoder, rest, {parameters.under("sigma_branch."), 1, decay}};
+}
+
+// ---- evaluation ----
+
+float distance_m(const float* pose, const Skeleton& person) {
+  float sum = 0;
+  for (std::size_t j = 0; j < kJoints; ++j)
+    sum +=
+        std::hypot(pose[3 * j] - person[j].x, pose[3 * j + 1] - person[j].y, pose[3 * j + 2] - person[j].z);
+  return sum / static_cast<float>(kJoints);
+}
+
+/// Mean error of a window's people: again and again the nearest pair of a query and a person who are both free.
+double window_error_m(const float* poses, std::size_t queries, std::span<const Skeleton> people) {
+  std::vector<std::array<std::size_t, 2>> pairs;
+  std::vector<float> distance(queries * people.size());
+  for (std::size_t q = 0; q < queries; ++q)
+    for (std::size_t p = 0; p < people.size(); ++p) {
+      distance[q * people.size() + p] = distance_m(poses + q * kPoseWidth, people[p]);
+      pairs.push_back({q, p});
+    }
+  const auto of = [&](const std::array<std::size_t, 2>& pair) {
+    return distance[pair[0] * people.size() + pair[1]];
+  };
+  std::stable_sort(pairs.begin(), pairs.end(), [&](const auto& a, const auto& b) { return of(a) < of(b); });
+  std::vector<bool> used(queries), found(people.size());
+  double sum = 0;
+  for (const auto& pair : pairs) {
+    if (used[pair[0]] || found[pair[1]]) continue;
+    used[pair[0]] = found[pair[1]] = true;
+    sum += static_cast<double>(of(pair));
+  }
+  return sum / static_cast<double>(people.size());
+}
+
+// ---- what fails in a batch ----
+
+/// Tokens of the links that are left, ascending.
+TokenList tokens_left(const LinkSet& links) {
+  TokenList tokens;
+  for (std::size_t token = 0; token < kTokens; ++token)
+    if (links[token % kLinks]) tokens.push_back(static_cast<std::int64_t>(token));
+  return tokens;
+}
+
+/// `count` different numbers below `of`.
+std::vector<std::size_t> choose(std::size_t count, std::size_t of, SeededRandom& random) {
+  std::vector<std::size_t> all(of);
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  for (std::size_t i = 0; i < count; ++i) std::swap(all[i], all[i + random.index(of - i)]);
+  all.resize(count);
+  return all;
+}
+
+struct Failure {
+  std::size_t receivers = 0, links = 0;
+};
+Failure draw_failure(const RunSettings& settings, SeededRandom& random) {
+  const auto& s = settings.finetune;
+  const double u = random.uniform();
+  if (u < s.lose_receiver) return {1, 0};
+  if (u < s.lose_receiver + s.lose_two_receivers) return {2, 0};
+  if (u < s.lose_receiver + s.lose_two_receivers + s.lose_links) return {0, 1 + random.index(3)};
+  return {};
+}
+
+// ---- the objective ----
+
+class Poses3d : public Objective {
+ public:
+  Poses3d(const RunSettings& settings, const Pool& pool, const Split& split, const Workers& workers,
+          Weights weights, const Numerics& numerics)
+      : settings_(settings),
+        pool_(pool),
+        split_(split),
+        workers_(workers),
+        weights_(std::move(weights)),
+        numerics_(numerics),
+        recipe_(settings),
+        shape_(decoder_shape(weights_.config)),
+        loss_weights_{settings.finetune.cls, settings.finetune.kpt, settings.finetune.refine},
+        optimiser_(groups_of(weights_.parameters, settings)) {
+    const auto memory = nlohmann::json::parse(weights_.metadata["progress"], nullptr, false);
+    if (memory.is_object()) best_m_ = memory.value("best_m", HUGE_VAL);
+  }
+
+  AdamW& optimiser() override { return optimiser_; }
+  const Weights& weights() override { return weights_; }
+
+  at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures& figures) override {
+    if (sigma_phase(now) && now.step == pose_steps(now) + 1) begin_sigma_phase();
+    seed_dropout(now);
+    const at::Tensor tokens = pool_.tokens(windows), left = surviving_tokens(settings_, now, windows);
+    const People people = pool_.people_of(windows);
+    const double matched = workers_.average(matched_people(people, left));
+    if (sigma_phase(now)) return sigma_only(tokens, left, people, matched);
+    Numerics numerics = numerics_;
+    const at::Tensor features =
+        encode(weights_.parameters, "encoder.", encoder_shape(weights_.config), tokens, left, numerics);
+    numerics.dropout = settings_.finetune.dropout;
+    const Decoded decoded =
+        decode(weights_.parameters, shape_, memory_of(weights_.parameters, features, numerics), numerics);
+    const SetLoss loss =
+        set_loss(weights_.parameters, shape_, decoded, people, loss_weights_, numerics, matched);
+    figures = {{"cls", loss.cls.item<double>()},
+               {"kpt", loss.kpt.item<double>()},
+               {"refine", loss.refine.item<double>()}};
+    return loss.total;
+  }
+
+  double make_step(const Moment& now, Figures& figures) override {
+    const double lr = sigma_phase(now) ? kSigmaLr : recipe_.rate(now.step, pose_steps(now));
+    const double norm = settings_.finetune.clip > 0 ? optimiser_.clip_gradients(settings_.finetune.clip)
+                                                    : optimiser_.gradient_norm();
+    optimiser_.step(lr);
+    weights_.metadata["step"] = std::to_string(now.step);
+    figures.emplace_back("gradient", norm);
+    return lr;
+  }
+
+  void end_epoch(const Moment& now, Figures& figures) override {
+    if (sigma_phase(now)) return;
+    const bool judged = !split_.held_out.empty();
+    if (!judged && now.step != pose_steps(now)) return;
+    const double error_m =
+        judged ? oracle_error_m(weights_.parameters, weights_.config, pool_, split_.held_out, numerics_) : 0;
+    if (judged) figures.emplace_back("held_out_mpjpe_mm", 1000 * error_m);
+    if (judged && error_m >= best_m_) return;
+    best_m_ = error_m;
+    remember(now);
+    if (workers_.first()) write_weights(folder() / "best.safetensors", weights_);
+  }
+
+  void finish(const Moment& now) override {
+    if (!sigma_phase(now)) write_weights(folder() / "last.safetensors", weights_);
+    if (sigma_phase(now)) write_weights(folder() / "best.safetensors", weights_);
+  }
+
+ private:
+  fs::path folder() const { return settings_.run.out; }
+
+  std::uint64_t pose_steps(const Moment& now) const {
+    const auto pose = static_cast<std::uint64_t>(settings_.finetune.epochs);
+    const auto sigma =
+        static_cast<std::uint64_t>(weights_.config.joint_sigma ? settings_.finetune.sigma_epochs : 0);
+    return now.total / (pose + sigma) * pose;
+  }
+  bool sigma_phase(const Moment& now) const { return now.step > pose_steps(now); }
+
+  /// The poses are done; what follows learns on the best of them.
+  void begin_sigma_phase() {
+    if (workers_.first()) write_weights(folder() / "last.safetensors", weights_);
+    const Weights best = read_weights(folder() / "best.safetensors");
+    const at::NoGradGuard no_gradients;
+    for (const auto& [name, tensor] : best.parameters) weights_.parameters[name].detach().copy_(tensor);
+  }
+
+  at::Tensor sigma_only(const at::Tensor& tokens, const at::Tensor& left, const People& people,
+                        double matched) {
+    Decoded decoded;
+    {
+      const at::NoGradGuard no_gradients;
+      const at::Tensor features =
+          encode(weights_.parameters, "encoder.", encoder_shape(weights_.config), tokens, left, numerics_);
+      decoded =
+          decode(weights_.parameters, shape_, memory_of(weights_.parameters, features, numerics_), numerics_);
+    }
+    return sigma_loss(weights_.parameters, shape_, decoded, people, loss_weights_, numerics_, matched);
+  }
+
+  /// People who get a query: all, unless there are more of them than queries.
+  double matched_people(const People& people, const at::Tensor& left) const {
+    const std::int64_t tokens = left.defined() ? left.size(1) : static_cast<std::int64_t>(kTokens);
+    const std::int64_t queries = std::min(tokens, static_cast<std::int64_t>(weights_.config.queries));
+    std::int64_t sum = 0;
+    for (const std::int64_t there : people.count) sum += std::min(there, queries);
+    return static_cast<double>(sum);
+  }
+
+  void seed_dropout(const Moment& now) const {
+    SeededRandom random(static_cast<std::uint64_t>(settings_.run.seed), "dropout",
+                        {now.step, static_cast<std::uint64_t>(workers_.rank())});
+    at::manual_seed(random.next());
+  }
+
+  void remember(const Moment& now) {
+    weights_.metadata["progress"] = nlohmann::json{{"best_m", best_m_}}.dump();
+    weights_.metadata["metrics"] = split_.held_out.empty()
+                                       ? "{}"
+                                       : nlohmann::json{{"protocol", "piw3d"},
+                                                        {"on", "held-out clips"},
+                                                        {"epoch", now.epoch + 1},
+                                                        {"n_frames", split_.held_out.size()},
+                                                        {"mpjpe", 1000 * best_m_}}
+                                             .dump();
+  }
+
+  const RunSettings& settings_;
+  const Pool& pool_;
+  const Split& split_;
+  const Workers& workers_;
+  Weights weights_;
+  Numerics numerics_;
+  Recipe recipe_;
+  DecoderShape shape_;
+  SetLossWeights loss_weights_;
+  AdamW optimiser_;
+  double best_m_ = HUGE_VAL;
+};
+
+// ---- before the first step ----
+
+/// The bias of the proposals' last layer becomes the mean pose of the labels.
+void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::uint64_t> windows) {
+  at::Tensor sum = at::zeros({kPoseWidth}, at::kDouble);
+  std::int64_t people = 0;
+  for (const std::uint64_t window : windows) {
+    const People there = pool.people_of(std::span(&window, 1));
+    sum += there.poses.flatten(0, 1).sum(at::IntArrayRef{0}, false, at::kDouble);
+    people += there.count[0];
+  }
+  if (people == 0)
+    throw SetupError(ExitStatus::bad_data, "the data to fine-tune on has no labels: nobody is in it");
+  weights.parameters[fmt::format("kpt_branches.{}.6.bias", weights.config.decoder_layers)].copy_(
+      sum / static_cast<double>(people));
+}
+
+/// Takes the encoder of a pre-trained file, or everything of a fine-tuned one.
+void take_over(Weights& weights, const RunSettings& settings) {
+  const fs::path path = settings.finetune.init;
+  const Weights from = read_weights(path);
+  const std::string source = settings.finetune.init_from == "target" ? "target_encoder." : "encoder.";
+  const bool whole = from.metadata.at("stage") == "finetuned" && source == "encoder.";
+  std::size_t taken = 0;
+  for (const auto& [name, tensor] : weights.parameters) {
+    const bool encoder = name.rfind("encoder.", 0) == 0;
+    const std::string theirs = encoder ? source + name.substr(8) : name;
+    if ((!encoder && !whole) || name.rfind("norm.", 0) == 0 || !from.parameters.has(theirs)) continue;
+    if (from.parameters[theirs].sizes() != tensor.sizes())
+      throw SetupError(ExitStatus::bad_config,
+                       fmt::format("{} (finetune.init) has '{}' of another shape than the preset {}",
+                                   path.string(), theirs, settings.network.preset));
+    tensor.copy_(from.parameters[theirs]);
+    taken += encoder;
+  }
+  if (taken == 0)
+    throw SetupError(
+        ExitStatus::bad_config,
+        fmt::format("{} (finetune.init) has no '{}'; it was not made by pretrain", path.string(), source));
+}
+
+/// Fewest links that the network will have been trained with.
+std::size_t min_links(const RunSettings& settings) {
+  if (settings.finetune.lose_two_receivers > 0) return 3;
+  if (settings.finetune.lose_receiver > 0 || settings.finetune.lose_links > 0) return 6;
+  return kLinks;
+}
+
+NetworkConfig network_of(const RunSettings& settings) {
+  NetworkConfig config = preset_config(settings.network.preset);
+  config.identity_conditioning = settings.network.identity_conditioning;
+  config.joint_sigma = config.identity_conditioning && settings.finetune.sigma_epochs > 0;
+  return config;
+}
+
+Weights initial_weights(const RunSettings& settings, const Pool& pool, const Split& split,
+                        const Numerics& numerics) {
+  Weights weights = untrained_weights(network_of(settings), static_cast<std::uint64_t>(settings.run.seed));
+  if (settings.finetune.proposal_bias) set_proposal_bias(weights, pool, split.train);
+  if (!settings.finetune.init.empty() && settings.finetune.init_from != "none") take_over(weights, settings);
+  set_normalisation(weights, pool.scaling().front());
+  weights.metadata["stage"] = "finetuned";
+  weights.metadata["git"] = CSIPOSE_COMMIT;
+  weights.metadata["corpus"] = pool.describe();
+  weights.metadata["run"] = to_toml(settings, false);
+  weights.metadata["numerics"] = numerics.matmul == at::kBFloat16 ? "bf16" : "f32";
+  weights.metadata["min_links"] = std::to_string(min_links(settings));
+  weights.metadata["progress"] = "{}";
+  return weights;
+}
+
+}  // namespace
+
+double oracle_error_m(const Parameters& weights, const NetworkConfig& config, const Pool& pool,
+                      std::span<const std::uint64_t> windows, const Numerics& numerics) {
+  double sum = 0;
+  std::size_t judged = 0;
+  for (std::size_t from = 0; from < windows.size(); from += kEvaluationBatch) {
+    const auto part = windows.subspan(from, std::min(kEvaluationBatch, windows.size() - from));
+    const at::Tensor joints =
+        infer(weights, config, pool.tokens(part), {}, numerics).joints.to(at::kCPU, at::kFloat).contiguous();
+    for (std::size_t b = 0; b < part.size(); ++b) {
+      const auto people = pool.people(part[b]);
+      if (people.empty()) continue;
+      const float* poses = joints.data_ptr<float>() + static_cast<std::int64_t>(b) * joints.stride(0);
+      sum += window_error_m(poses, static_cast<std::size_t>(joints.size(1)), people);
+      ++judged;
+    }
+  }
+  return sum / static_cast<double>(judged);
+}
+
+at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
+                            std::span<const std::uint64_t> windows) {
+  const auto seed = static_cast<std::uint64_t>(settings.run.seed);
+  SeededRandom batch(seed, "failures of a batch", {now.epoch, windows.front()});
+  const Failure failure = draw_failure(settings, batch);
+  if (failure.receivers == 0 && failure.links == 0) return {};
+  std::vector<std::int64_t> tokens;
+  for (const std::uint64_t window : windows) {
+    SeededRandom random(seed, "failures of a window", {now.epoch, window});
+    LinkSet links = LinkSet().set();
+    for (const std::size_t receiver : choose(failure.receivers, kReceivers, random))
+      for (std::size_t a = 0; a < kAntennas; ++a) links.reset(receiver * kAntennas + a);
+    for (const std::size_t link : choose(failure.links, kLinks, random)) links.reset(link);
+    const TokenList left = tokens_left(links);
+    tokens.insert(tokens.end(), left.begin(), left.end());
+  }
+  return at::tensor(tokens, at::kLong).view({static_cast<std::int64_t>(windows.size()), -1});
+}
+
+Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {
+  const CheckpointFolder folder(settings.run.out);
+  std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
+  const Split split =
+      split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));
+  LoopPlan plan{split.train, static_cast<std::uint64_t>(settings.finetune.epochs),
+                static_cast<std::uint64_t>(settings.finetune.batch)};
+  if (network_of(settings).joint_sigma)
+    plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
+  if (settings.data.norm == "corpus") pool.measure_scaling(split.train);
+  const Numerics numerics = choose_numerics(settings, resumed);
+  Poses3d poses(settings, pool, split, workers,
+                resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics),
+                numerics);
+  if (resumed) poses.optimiser().restore(resumed->optimiser, resumed->step);
+  return run_loop(poses, plan, settings, workers, folder, resumed ? resumed->step : 0);
+}
+
+}  // namespace csipose::train

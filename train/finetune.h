@@ -1,0 +1,27 @@
+// train/finetune.h - from windows with labels to people: decoder, heads and encoder learn together, then the head for the
+// expected error alone.
+//
+// Recipe: AdamW, the encoder slower than the rest, clipped gradients (aiotgroup/Person-in-WiFi-3D-repo and the WiFi-JEPA
+// paper). Ours: batches whose windows lack receivers or links, so that a dead receiver is survivable; the best epoch by
+// clips that were held out.
+#pragma once
+
+#include "train/loop.h"
+
+namespace csipose::train {
+
+/// Trains by settings.finetune. Writes `run.out`/best.safetensors (least error on the held-out clips; with the head for
+/// the expected error where there is one) and last.safetensors. Goes on from a checkpoint in `run.out`.
+Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers);
+
+/// Error of the network on windows of the pool by the protocol piw3d: mean joint distance of the nearest of all queries,
+/// greedily, persons within a window first, then windows. Metres; NaN when no window has people.
+double oracle_error_m(const Parameters& weights, const NetworkConfig& config, const Pool& pool,
+                      std::span<const std::uint64_t> windows, const Numerics& numerics);
+
+/// Which tokens remain of each window when receivers or links fail: (windows, n), or undefined when none fail. A batch
+/// loses as many tokens in each window, in each others.
+at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
+                            std::span<const std::uint64_t> windows);
+
+}  // namespace csipose::train

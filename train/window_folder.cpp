@@ -1,0 +1,118 @@
+#include "train/window_folder.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+
+#include "proto/npy.h"
+#include "proto/result.h"
+
+namespace csipose::train {
+namespace {
+
+namespace fs = std::filesystem;
+
+[[noreturn]] void refuse(const fs::path& path, const std::string& why) {
+  throw SetupError(ExitStatus::bad_data, fmt::format("{}: {}", path.string(), why));
+}
+
+/// A file's bytes as they are on the disk, read when they are looked at.
+class MappedFile {
+ public:
+  explicit MappedFile(const fs::path& path) {
+    const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+    struct stat status {};
+    if (file >= 0 && ::fstat(file, &status) == 0 && status.st_size > 0) {
+      size_ = static_cast<std::size_t>(status.st_size);
+      begin_ = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, file, 0);
+    }
+    const int reason = errno;
+    if (file >= 0) ::close(file);
+    if (begin_ == MAP_FAILED)
+      throw SetupError(ExitStatus::no_input,
+                       fmt::format("{} cannot be read: {}", path.string(),
+                                   file >= 0 && size_ == 0 ? "it is empty" : std::strerror(reason)));
+  }
+  ~MappedFile() { ::munmap(begin_, size_); }
+  MappedFile(const MappedFile&) = delete;
+  MappedFile& operator=(const MappedFile&) = delete;
+  ByteView bytes() const { return {begin_, size_}; }
+
+ private:
+  void* begin_ = MAP_FAILED;
+  std::size_t size_ = 0;
+};
+
+class WindowFolder : public WindowSource {
+ public:
+  explicit WindowFolder(const fs::path& folder) : folder_(folder), file_(folder / "windows.npy") {
+    const Result<NpyView, std::string> view = parse_npy(file_.bytes());
+    if (!view) refuse(folder / "windows.npy", view.error());
+    if (view->descr != "<f4" || view->fortran_order || view->shape.size() != 4 ||
+        NpyShape(view->shape.begin() + 1, view->shape.end()) != NpyShape{kChannels, kSamples, kLinks})
+      refuse(folder / "windows.npy", "is no float32 array of shape (n, 60, 20, 9) in C order");
+    numbers_ = view->data;
+    const NpyArray<std::uint32_t> clips = read_npy<std::uint32_t>(folder / "clip.npy");
+    if (clips.shape != NpyShape{view->shape[0]})
+      refuse(folder / "clip.npy",
+             fmt::format("has not one number for each of the {} windows", view->shape[0]));
+    clips_ = clips.data;
+    people_.resize(clips_.size());
+    if (fs::exists(folder / "labels.npy")) read_labels(folder / "labels.npy");
+  }
+
+  std::size_t size() const override { return clips_.size(); }
+  std::string name() const override {
+    return (folder_.has_filename() ? folder_ : folder_.parent_path()).filename().string();
+  }
+  void read(std::size_t i, std::span<float> x) const override {
+    std::memcpy(x.data(), numbers_.data() + i * x.size_bytes(), x.size_bytes());
+    for (const float value : x)
+      if (!std::isfinite(value))
+        refuse(folder_ / "windows.npy", fmt::format("window {} holds a number that is not finite", i));
+  }
+  std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }
+  std::uint64_t clip(std::size_t i) const override { return clips_[i]; }
+
+ private:
+  void read_labels(const fs::path& path) {
+    const NpyArray<float> labels = read_npy<float>(path);
+    if (labels.shape.size() != 4 || labels.shape[0] != size() || labels.shape[2] != kJoints ||
+        labels.shape[3] != 3)
+      refuse(path, fmt::format("is no array of shape ({}, people, 14, 3)", size()));
+    const float* next = labels.data.data();
+    for (std::size_t i = 0; i < size(); ++i)
+      for (std::size_t p = 0; p < labels.shape[1]; ++p, next += 3 * kJoints) add_person(path, i, next);
+  }
+
+  void add_person(const fs::path& path, std::size_t window, const float* xyz_m) {
+    std::size_t missing = 0;
+    for (std::size_t k = 0; k < 3 * kJoints; ++k) missing += std::isfinite(xyz_m[k]) ? 0 : 1;
+    if (missing == 3 * kJoints) return;
+    if (missing > 0)
+      refuse(path, fmt::format("window {} has a person of whom some joints are no numbers", window));
+    Skeleton person;
+    for (std::size_t j = 0; j < kJoints; ++j) person[j] = {xyz_m[3 * j], xyz_m[3 * j + 1], xyz_m[3 * j + 2]};
+    people_[window].push_back(person);
+  }
+
+  fs::path folder_;
+  MappedFile file_;
+  ByteView numbers_;
+  std::vector<std::uint32_t> clips_;
+  std::vector<std::vector<Skeleton>> people_;
+};
+
+}  // namespace
+
+std::shared_ptr<const WindowSource> open_window_folder(const fs::path& folder) {
+  return std::make_shared<WindowFolder>(folder);
+}
+
+}  // namespace csipose::train

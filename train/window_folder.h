@@ -1,0 +1,21 @@
+// train/window_folder.h - a folder of finished windows, the form in which training reads data sets fastest.
+//
+//   windows.npy   float32 (n, 60, 20, 9): Window::x of each window, not normalised
+//   clip.npy      uint32 (n): windows of one clip are held out together
+//   labels.npy    float32 (n, P, 14, 3), where there are labels: joints of up to P people in metres in the label frame;
+//                 not a number where nobody is
+//
+// The windows are mapped, not loaded: the set may be larger than memory.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "train/batch.h"
+
+namespace csipose::train {
+
+/// Throws SetupError (no_input, bad_data) that names file and reason.
+std::shared_ptr<const WindowSource> open_window_folder(const std::filesystem::path& folder);
+
+}  // namespace csipose::train
