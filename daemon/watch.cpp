@@ -42,7 +42,7 @@ class TruthWatch {
   std::optional<FrameError> compare(const ReceivedPose& pose) {
     client_.drain();
     const Truth* truth = pose.frame.window_end > UtcTime{} ? client_.at(middle_of(pose.frame)) : nullptr;
-    show(truth);
+    show(truth != nullptr ? truth : client_.newest());
     view_.with_poses = truth != nullptr;
     if (truth == nullptr) return std::nullopt;
     std::vector<Skeleton> claimed, real;

@@ -24,7 +24,8 @@ using namespace std::chrono_literals;
 
 constexpr Nanoseconds kStatusEvery = 10s, kTendEvery = 50ms;
 constexpr Nanoseconds kStarvedWait = 1ms;  // between looks for a packet that is not made yet
-constexpr Nanoseconds kBehind = 100ms;     // so late, the rest is put off instead of being hurried
+constexpr Nanoseconds kLate = 100ms;       // worth a word
+constexpr Nanoseconds kGiveUp = 2s;        // so late, the rest is put off instead of being caught up with
 constexpr double kAhead_s = 1;             // physics is so far ahead of the clock
 
 SteadyTime now_steady() {
@@ -64,16 +65,17 @@ std::size_t depth_for(const LiveOptions& options) {
                                static_cast<std::size_t>(kAhead_s * options.rate_hz * options.speed));
 }
 
-/// When packets are due. Time that was missed is put off: nothing is sent faster than it should be to make up for it.
+/// When packets are due. What is late is sent at once: the daemon goes by the cards' clocks, to which a sender that has
+/// slept and hurries is a short gap, and one that goes on late is late for good. Only what cannot be caught up with is put off.
 class Pace {
  public:
   explicit Pace(double speed) : speed_(speed) {}
   void start(SteadyTime now) { start_ = now; }
   SteadyTime due(const SentPacket& packet) const { return start_ + from_seconds(packet.sent_s / speed_); }
-  /// The packet is sent now; how much all that follows is put off for it.
+  /// The packet is sent now; by how much too late.
   Nanoseconds sent(const SentPacket& packet, SteadyTime now) {
     const Nanoseconds late = now - due(packet);
-    if (late < kBehind) return {};
+    if (late < kGiveUp) return late;
     start_ += late;
     put_off_ += late;
     return late;
@@ -130,7 +132,10 @@ class Live {
   void begin_when_answered(SteadyTime now) {
     const bool all = std::all_of(senders_.begin(), senders_.end(),
                                  [&](const SealedSender& sender) { return sender.connected(now); });
-    if (!all || ahead_->front() == nullptr) return;
+    if (!all || ahead_->ready() + kSamples < depth_for(options_)) {
+      if (ahead_->ready() == 0) ahead_->front();  // throws if the physics broke
+      return;
+    }
     pace_.start(now);
     playing_ = true;
   }
@@ -162,14 +167,16 @@ class Live {
     ++packets_;
   }
 
-  void note_delay(Nanoseconds put_off, SteadyTime now) {
-    if (put_off == 0ns || now < complain_at_) return;
+  void note_delay(Nanoseconds late, SteadyTime now) {
+    most_late_ = std::max(most_late_, late);
+    if (late < kLate || now < complain_at_) return;
     complain_at_ = now + kStatusEvery;
-    say(fmt::format("cannot keep up: {:.2f} s behind the clock so far. {}", seconds(pace_.put_off()),
-                    starvations_ > 0
-                        ? "The physics takes longer than the time it describes: fewer people, a lower "
-                          "--rate or a lower --speed would do."
-                        : "This host gave the program no time to send; is it busy with something else?"));
+    say(fmt::format(
+        "cannot keep up: {:.2f} s behind the clock, and the daemon takes what comes so late for lost. {}",
+        seconds(late),
+        starvations_ > 0 ? "The physics takes longer than the time it describes: fewer people, a lower "
+                           "--rate or a lower --speed would do."
+                         : "This host gave the program no time to send; is it busy with something else?"));
   }
 
   void wait() {
@@ -186,9 +193,11 @@ class Live {
 
   void report(SteadyTime now) {
     const std::string status = fmt::format(
-        "{}{:.1f} s simulated, {} packets, {} ahead, {:.2f} s put off, {} reading the truth",
+        "{}{:.1f} s simulated, {} packets, {} ahead, at most {:.2f} s late, {:.2f} s put off, {} reading the "
+        "truth",
         playing_ ? "" : fmt::format("waiting for an answer from {}; ", options_.daemon), simulated_s_,
-        packets_, ahead_->ready(), seconds(pace_.put_off()), truth_ ? truth_->readers() : 0);
+        packets_, ahead_->ready(), seconds(most_late_), seconds(pace_.put_off()),
+        truth_ ? truth_->readers() : 0);
     say(status);
     for (std::size_t r = 0; r < kReceivers; ++r)
       say(fmt::format("{}: {}", options_.keys[r].name, senders_[r].status(now)));
@@ -209,6 +218,7 @@ class Live {
   bool playing_ = false, over_ = false, starved_ = false;
   double simulated_s_ = 0;
   std::uint64_t packets_ = 0, starvations_ = 0;
+  Nanoseconds most_late_{};
 };
 
 }  // namespace
