@@ -19,7 +19,7 @@ constexpr const char* kFormat = "1";
 constexpr auto kFlushEvery =
     std::chrono::milliseconds(500);  // with a tick every half second: a second at the most
 constexpr auto kRetryAfter = std::chrono::seconds(10);
-constexpr int kForeign = -1, kPose = -2;  // in place of a receiver
+constexpr int kForeign = -1, kPose = -2, kTruth = -3;  // in place of a receiver
 
 const char* word_of(Source source) {
   return source == Source::simulated ? "simulated" : source == Source::replay ? "replay" : "live";
@@ -83,6 +83,12 @@ bool RecordingWriter::add(const PoseItem& pose) {
                pose.frame);
 }
 
+bool RecordingWriter::add(const TruthItem& truth) {
+  if (!truth_channel_) truth_channel_ = mcap_.add_channel("/truth", 0, "json", {});
+  return write(*truth_channel_, static_cast<std::uint32_t>(truth.counter), truth.sent, truth.sent_utc,
+               truth.json);
+}
+
 bool RecordingWriter::write(std::uint16_t channel, std::uint32_t sequence, SteadyTime steady, UtcTime utc,
                             ByteView data) {
   if (!utc_minus_steady_ns_) {
@@ -125,7 +131,11 @@ void RecordingReader::learn_channels() {
     const bool is_csi = channel.encoding == kRecordsEncoding && receiver && *receiver >= 0 &&
                         *receiver < std::int64_t{kReceivers};
     const bool is_pose = channel.topic == "/pose" && channel.encoding == "protobuf";
-    receiver_of_channel_[id] = is_csi ? static_cast<int>(*receiver) : is_pose ? kPose : kForeign;
+    const bool is_truth = channel.topic == "/truth" && channel.encoding == "json";
+    receiver_of_channel_[id] = is_csi     ? static_cast<int>(*receiver)
+                               : is_pose  ? kPose
+                               : is_truth ? kTruth
+                                          : kForeign;
     if (is_csi && channel.topic.rfind("/csi/", 0) == 0)
       info_.receivers[static_cast<std::size_t>(*receiver)] = channel.topic.substr(5);
     pose_channel_seen_ = pose_channel_seen_ || is_pose;
@@ -150,7 +160,7 @@ RecordingReader::Item RecordingReader::next(Packet& packet, PoseItem& pose) {
       packet = {static_cast<std::uint8_t>(receiver), steady(message->log_time_ns), utc, message->data};
       return Item::packet;
     }
-    ++foreign_;
+    if (receiver == kForeign) ++foreign_;
   }
   return Item::end;
 }

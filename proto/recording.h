@@ -4,6 +4,7 @@
 //   (csitool
 //                     framing: at most one 0xC1, then at most one 0xBB). Channel metadata `receiver` = 0, 1
 //                     or 2.
+//   /truth            message encoding "json": where simulated people really are (proto/truth.h), one object per instant
 //   /pose             message encoding "protobuf", schema csipose.v1.PoseFrame (given by the caller)
 //   metadata csipose  format, source, steady_origin_ns, utc_origin_ns
 //
@@ -39,6 +40,14 @@ struct PoseItem {
   UtcTime published_utc{};
 };
 
+/// Where simulated people are at one instant: a JSON object as proto/truth.h encodes it, without its newline.
+struct TruthItem {
+  ByteView json;
+  std::uint64_t counter = 0;  ///< of the transmitted packet
+  SteadyTime sent{};
+  UtcTime sent_utc{};
+};
+
 /// One file.
 class RecordingWriter {
  public:
@@ -50,6 +59,7 @@ class RecordingWriter {
   /// chunk.
   bool add(const Packet& packet);
   bool add(const PoseItem& pose);
+  bool add(const TruthItem& truth);
   bool flush() { return mcap_.flush(); }
   bool close() { return mcap_.close(); }
   const std::string& error() const { return mcap_.error(); }
@@ -64,6 +74,7 @@ class RecordingWriter {
   std::array<std::uint16_t, kReceivers> csi_channels_{};
   std::array<std::uint32_t, kReceivers> csi_sequence_{};
   std::uint16_t pose_channel_ = 0;
+  std::optional<std::uint16_t> truth_channel_;
   std::optional<std::int64_t> utc_minus_steady_ns_;
 };
 
@@ -72,7 +83,7 @@ struct RecordingReaderStats {
   std::uint64_t foreign = 0;  ///< messages of channels that are not ours
 };
 
-/// Reads recordings front to back, whole or cut.
+/// Reads recordings front to back, whole or cut. The truth is passed over: it is for viewers and error meters.
 class RecordingReader {
  public:
   /// Throws SetupError when the bytes are no MCAP file. They must live as long as the reader.

@@ -33,10 +33,6 @@ SteadyTime now_steady() {
 }
 UtcTime now_utc() { return std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()); }
 
-Point3 point(const Vec3& p) {
-  return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
-}
-
 TruthHello hello_of(const LiveOptions& options, const Scene& scene) {
   TruthHello hello{options.what,
                    options.seed,
@@ -49,15 +45,6 @@ TruthHello hello_of(const LiveOptions& options, const Scene& scene) {
   for (const auto& antennas : scene.receivers)
     hello.receivers_m.push_back(point(antennas[antennas.size() / 2].position));
   return hello;
-}
-
-Truth truth_of(const SentPacket& packet, UtcTime sent) {
-  Truth truth{packet.counter, packet.grid_s, sent, {}, 0};
-  for (const Joints& person : packet.people) {
-    truth.people.push_back({static_cast<std::uint32_t>(truth.people.size() + 1), {}});
-    std::transform(person.begin(), person.end(), truth.people.back().joints.begin(), point);
-  }
-  return truth;
 }
 
 std::size_t depth_for(const LiveOptions& options) {

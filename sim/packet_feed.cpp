@@ -1,8 +1,31 @@
 #include "sim/packet_feed.h"
 
+#include <algorithm>
 #include <cassert>
 
 namespace csipose::sim {
+
+Point3 point(const Vec3& p) {
+  return {static_cast<float>(p.x), static_cast<float>(p.y), static_cast<float>(p.z)};
+}
+
+Truth truth_of(const SentPacket& packet, UtcTime sent) {
+  Truth truth{packet.counter, packet.grid_s, sent, {}, 0};
+  for (const Joints& person : packet.people) {
+    truth.people.push_back({static_cast<std::uint32_t>(truth.people.size() + 1), {}});
+    std::transform(person.begin(), person.end(), truth.people.back().joints.begin(), point);
+  }
+  return truth;
+}
+
+void send_packet(ChannelSource& channels, ReceiverBank& bank, double rate_hz, SentPacket& out) {
+  const Instant& now = channels.next();
+  out.grid_s = bank.packets_sent() / rate_hz;
+  for (auto& records : out.records) records.clear();
+  out.sent_s = bank.send(now.channel, out.records);
+  out.counter = bank.packets_sent();
+  out.people = now.people;
+}
 
 PacketFeed::PacketFeed(std::unique_ptr<MovingScene> scene, const Impairments& radio, std::uint64_t seed,
                        std::uint32_t clip, double rate_hz)
@@ -10,14 +33,7 @@ PacketFeed::PacketFeed(std::unique_ptr<MovingScene> scene, const Impairments& ra
       bank_(radio, Band{}, seed, clip, rate_hz),
       rate_hz_(rate_hz) {}
 
-void PacketFeed::next(SentPacket& out) {
-  const Instant& now = channels_->next();
-  out.grid_s = bank_.packets_sent() / rate_hz_;
-  for (auto& records : out.records) records.clear();
-  out.sent_s = bank_.send(now.channel, out.records);
-  out.counter = bank_.packets_sent();
-  out.people = now.people;
-}
+void PacketFeed::next(SentPacket& out) { send_packet(*channels_, bank_, rate_hz_, out); }
 
 ReadAhead::ReadAhead(PacketFeed feed, std::size_t depth)
     : feed_(std::move(feed)), slots_(depth), thread_([this] { work(); }) {

@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "proto/truth.h"
 #include "sim/receiver_log.h"
 #include "sim/solved_scene.h"
 
@@ -25,6 +26,13 @@ struct SentPacket {
       records;  ///< framed 0xC1 and 0xBB; empty where it was missed
   std::vector<Joints> people;
 };
+
+/// Sends the next packet through the next instant's channel. `out` may be an old one: its memory is used again.
+void send_packet(ChannelSource& channels, ReceiverBank& bank, double rate_hz, SentPacket& out);
+
+Point3 point(const Vec3& p);
+/// Where people are, as the truth channel and socket say it.
+Truth truth_of(const SentPacket& packet, UtcTime sent);
 
 /// Packets without end.
 class PacketFeed {

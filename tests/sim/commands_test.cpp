@@ -13,6 +13,7 @@
 
 #include "bvh_text.h"
 #include "proto/npy.h"
+#include "proto/recording.h"
 
 namespace csipose::sim {
 namespace {
@@ -112,6 +113,26 @@ TEST_F(Commands, AHumanDataSetIsTheSameHoweverOftenItWasInterrupted) {
   EXPECT_EQ(run("dataset human --least-people 3 --most-people 1 --out " + (folder_ / "x").string()).status,
             64);
   EXPECT_EQ(run(common + whole.string() + " --seed 2").status, 65) << "another set lies there";
+}
+
+TEST_F(Commands, ARecordingHasTheBytesOfTheLogsAndTheTruth) {
+  const std::string scene = "record --seconds 0.2 --people 2 --out ";
+  ASSERT_EQ(run(scene + (folder_ / "logs").string()).status, 0);
+  ASSERT_EQ(run(scene + (folder_ / "a.mcap").string()).status, 0);
+  ASSERT_EQ(run(scene + (folder_ / "b.mcap").string()).status, 0);
+  EXPECT_EQ(bytes(folder_ / "a.mcap"), bytes(folder_ / "b.mcap")) << "its clock begins at 0";
+  EXPECT_FALSE(fs::exists(folder_ / "a.mcap.part"));
+  const std::string file = bytes(folder_ / "a.mcap");
+  RecordingReader reader(file, "a.mcap");
+  std::array<std::string, kReceivers> logs;
+  Packet packet;
+  PoseItem pose;
+  while (reader.next(packet, pose) == RecordingReader::Item::packet)
+    logs[packet.receiver].append(reinterpret_cast<const char*>(packet.records.data()), packet.records.size());
+  for (std::size_t r = 0; r < kReceivers; ++r)
+    EXPECT_EQ(logs[r], bytes(folder_ / "logs" / ("rx" + std::to_string(r + 1) + ".dat")));
+  EXPECT_EQ(reader.info().source, Source::simulated);
+  EXPECT_EQ(reader.stats().foreign, 0u) << "the truth is known";
 }
 
 TEST_F(Commands, SolveWritesTheChannelAndEveryPath) {
