@@ -10,8 +10,8 @@
 #include "proto/result.h"
 #include "sim/atomic_file.h"
 #include "sim/commands.h"
+#include "sim/mesh_scene.h"
 #include "sim/picture.h"
-#include "sim/scene_file.h"
 #include "sim/scene_options.h"
 
 namespace csipose::sim {
@@ -28,7 +28,12 @@ struct RenderOptions {
 
 ScenePlayer open_scene(const RenderOptions& options) {
   if (!options.stated.empty()) {
-    const Scene scene = read_scene(options.stated);
+    const Scene scene = read_scene_with_meshes(options.stated);
+    if (!scene.mesh_bodies.empty())
+      throw SetupError(
+          ExitStatus::usage,
+          fmt::format("{}: has bodies that are meshes; these are solved (solve --scatter po), not drawn",
+                      options.stated.string()));
     return {stated_scene(scene), scene.step_s, options.past_s};
   }
   auto scene = open_moving_scene(options.scene);

@@ -8,9 +8,10 @@
 #include "proto/result.h"
 #include "sim/atomic_file.h"
 #include "sim/commands.h"
+#include "sim/facet_solver.h"
 #include "sim/fast_solver.h"
+#include "sim/mesh_scene.h"
 #include "sim/reference_solver.h"
-#include "sim/scene_file.h"
 
 namespace csipose::sim {
 namespace {
@@ -18,6 +19,7 @@ namespace {
 struct SolveOptions {
   std::filesystem::path scene, out, paths;
   bool reference = false;
+  Scatter scatter = Scatter::analytic;
 };
 
 std::string json_line(const Path& path, int snapshot, std::size_t receiver, std::size_t antenna) {
@@ -55,9 +57,16 @@ void write_channel(const std::filesystem::path& file, const NpyShape& row, const
 }
 
 void solve(const SolveOptions& options) {
-  const Scene scene = read_scene(options.scene);
+  const Scene scene = read_scene_with_meshes(options.scene);
+  if (options.scatter == Scatter::analytic && !scene.mesh_bodies.empty())
+    throw SetupError(
+        ExitStatus::usage,
+        fmt::format("{}: has bodies that are meshes, which have no closed form; add --scatter po",
+                    options.scene.string()));
   const NpyShape row{scene.tones.size(), scene.receivers.size(), scene.receivers[0].size()};
-  if (options.reference)
+  if (options.scatter != Scatter::analytic)
+    write_channel<std::complex<double>>(options.out, row, solve_facets(scene, options.scatter));
+  else if (options.reference)
     write_channel<std::complex<double>>(options.out, row, solve_reference(scene));
   else
     write_channel<std::complex<float>>(options.out, row, solve_fast(scene));
@@ -73,9 +82,19 @@ void add_solve(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "solve", "one stated scene in, its channel H[snapshot][subcarrier][rx][antenna] out");
   command->add_option("scene", options->scene, "scene as JSON: docs/simulator-scene.md")->required();
-  command->add_option("--out", options->out, "NumPy file to write: complex64, with --reference complex128")
+  command
+      ->add_option("--out", options->out,
+                   "NumPy file to write: complex64; complex128 with --reference and facets")
       ->required();
   command->add_flag("--reference", options->reference, "plainly, in double precision, antenna by antenna");
+  const std::map<std::string, Scatter> kinds{
+      {"analytic", Scatter::analytic}, {"po", Scatter::po}, {"facet", Scatter::facet}};
+  command
+      ->add_option("--scatter", options->scatter,
+                   "bodies as: analytic (default), po: physical optics over facets, which takes bodies of "
+                   "any shape; facet: "
+                   "triangles as hard mirrors, as a mesh ray tracer has them")
+      ->transform(CLI::CheckedTransformer(kinds));
   command->add_option("--paths", options->paths,
                       "also write every path of the reference solver, one JSON line each, to this file");
   command->callback([options] { solve(*options); });

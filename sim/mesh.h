@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -26,6 +27,14 @@ struct Mesh {
   Vec3 area_vector(const Triangle& t) const {
     return glm::cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0));
   }
+};
+
+/// What a mesh file itself does not tell.
+struct MeshImport {
+  double scale = 1;                              ///< metres per unit of the file
+  std::string material;                          ///< of faces that name none; may be empty when all do
+  std::map<std::string, std::string> materials;  ///< names in the file that stand for ours
+  bool only_material = false;                    ///< `material` everywhere, whatever the file says
 };
 
 struct Extent {

@@ -99,6 +99,7 @@ class Builder {
   std::size_t points() const { return mesh_.points.size(); }
 
   void use_material(const std::string& name, const std::string& where) {
+    if (import_.only_material && name != import_.material) return;
     const auto renamed = import_.materials.find(name);
     const std::string& ours = renamed == import_.materials.end() ? name : renamed->second;
     if (find_material(ours) == nullptr)

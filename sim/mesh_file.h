@@ -9,19 +9,11 @@
 #pragma once
 
 #include <filesystem>
-#include <map>
 #include <string_view>
 
 #include "sim/mesh.h"
 
 namespace csipose::sim {
-
-/// What the file itself does not tell.
-struct MeshImport {
-  double scale = 1;                              ///< metres per unit of the file
-  std::string material;                          ///< of faces that name none; may be empty when all do
-  std::map<std::string, std::string> materials;  ///< names in the file that stand for ours
-};
 
 /// Throws SetupError (bad_data) with file and line: no number, a point that is not finite, an index that is not there, a face
 /// of less than three corners or not convex, an unknown material, no faces, a size that is no room's or body's (2 cm - 200 m).

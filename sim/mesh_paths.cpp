@@ -129,15 +129,21 @@ void MeshSurfaces::close(Search& search) const {
     const Polygon& polygon = polygons_[search.chain[i - 1]];
     const Vec3 &from = search.images[i], &to = path.points[i + 1];
     const double behind = polygon.height_m(from), before = polygon.height_m(to);
-    if (behind * before >= 0 || std::abs(before) < kOnPlane_m) return;
-    path.points[i] = from + behind / (behind - before) * (to - from);
+    if (std::abs(before) < kOnPlane_m) {
+      // Into an edge where two polygons meet: a path of either order, and the same one.
+      if (i == bounces || search.chain[i - 1] > search.chain[i]) return;
+      path.points[i] = to;
+    } else {
+      if (behind * before >= 0) return;
+      path.points[i] = from + behind / (behind - before) * (to - from);
+    }
     if (!polygon.contains(path.points[i])) return;
   }
   for (std::size_t i = 0; i <= bounces; ++i)
     if (!is_open(path.points[i], path.points[i + 1])) return;
   for (std::size_t i = 0; i < bounces; ++i) {
     const Polygon& polygon = polygons_[search.chain[i]];
-    const double side = polygon.height_m(path.points[i]) > 0 ? 1 : -1;  // where the ray comes from
+    const double side = polygon.height_m(search.images[i]) > 0 ? 1 : -1;  // where the wave comes from
     path.bounces.push_back({side * polygon.normal, surfaces_[polygon.material]});
   }
   path.length_m = glm::distance(search.images.back(), search.rx);

@@ -3,10 +3,12 @@
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "sim/band.h"
 #include "sim/body.h"
+#include "sim/mesh.h"
 #include "sim/room.h"
 #include "sim/shadow.h"
 
@@ -24,13 +26,37 @@ struct MovingBody {
   }
 };
 
+/// A mesh that a scene names, before it is read.
+struct MeshUse {
+  std::string file;
+  MeshImport import;
+};
+/// A body of any shape, likewise.
+struct MeshBody {
+  MeshUse use;
+  Mesh mesh;  ///< about its own origin; outward
+  Vec3 origin{};
+  Mat3 axes{1};
+  Vec3 velocity_m_s{};
+  Surface surface;
+
+  Mesh at(double t_s) const {
+    Mesh moved = mesh;
+    for (Vec3& p : moved.points) p = origin + t_s * velocity_m_s + axes * p;
+    return moved;
+  }
+};
+
 struct Scene {
   Room room;
   bool walls = true;  ///< false: free space; bodies alone
   Antenna transmitter;
   std::vector<std::vector<Antenna>> receivers;  ///< [receiver][antenna], equally many everywhere
   std::vector<MovingBody> bodies;
-  std::vector<Body> furniture;                  ///< what stands still
+  std::vector<Body> furniture;  ///< what stands still
+  std::vector<MeshUse>
+      mesh_uses;  ///< of rooms and furniture; read_meshes() (mesh_scene.h) makes `meshes` of them
+  std::vector<MeshBody> mesh_bodies;            ///< for facet_solver.h alone
   std::shared_ptr<const StillSurfaces> meshes;  ///< if there, waves meet these and not the walls of `room`
   double carrier_hz = 5.64e9;
   std::vector<double> tones;  ///< of the subcarriers, in units of kToneSpacing_hz from the carrier

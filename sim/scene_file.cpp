@@ -112,7 +112,7 @@ void read_shape(const JsonNode& node, Body& body) {
     body.half_m = {metres("r"), metres("r"), metres("hh")};
   } else {
     node.at("kind").refuse(
-        fmt::format("there is no kind '{}'; there are sphere, ellipsoid, box, cylinder", kind));
+        fmt::format("there is no kind '{}'; there are sphere, ellipsoid, box, cylinder, mesh", kind));
   }
 }
 
@@ -128,7 +128,37 @@ Vec3 reach_of(const Body& body) {
   return {body.support_m({1, 0, 0}), body.support_m({0, 1, 0}), body.support_m({0, 0, 1})};
 }
 
+MeshUse mesh_use_at(const JsonNode& node) {
+  MeshUse use{node.at("file").text(), {}};
+  if (node.has("scale")) use.import.scale = node.at("scale").number_in(1e-6, 1e3);
+  if (node.has("mat")) use.import.material = std::string(material_at(node.at("mat")).name);
+  return use;
+}
+
+/// A room or furniture: walls as thick as their materials usually are.
+void read_still_mesh(const JsonNode& node, Scene& scene) {
+  node.allow_only({"file", "scale", "mat", "materials", "name"});
+  MeshUse use = mesh_use_at(node);
+  if (node.has("materials"))
+    for (const auto& [theirs, ours] : node.at("materials").items())
+      use.import.materials[theirs] = std::string(material_at(ours).name);
+  scene.mesh_uses.push_back(use);
+}
+
+void read_mesh_body(const JsonNode& node, Scene& scene) {
+  node.allow_only({"kind", "file", "scale", "c", "q", "mat", "v", "name"});
+  MeshBody body;
+  body.use = mesh_use_at(node);
+  body.use.import.only_material = true;
+  body.surface = {material_at(node.at("mat")).permittivity(scene.carrier_hz), 0};
+  body.origin = node.at("c").vec3();
+  if (node.has("q")) body.axes = rotation_at(node.at("q"));
+  if (node.has("v")) body.velocity_m_s = node.at("v").vec3();
+  scene.mesh_bodies.push_back(body);
+}
+
 void read_body(const JsonNode& node, Scene& scene) {
+  if (node.has("kind") && node.at("kind").text() == "mesh") return read_mesh_body(node, scene);
   MovingBody moving{still_body_at(node, scene)};
   if (node.has("v")) moving.velocity_m_s = node.at("v").vec3();
   for (const int snapshot : {0, scene.snapshots - 1})
@@ -208,6 +238,7 @@ Scene parse_scene(std::string_view text, const std::string& file_name) {
   const JsonNode root = file.root();
   root.allow_only({"name", "fc", "dt", "rate", "snapshots", "order", "object_wall_order", "pairs", "pattern",
                    "spacing", "antennas", "subcarriers", "L", "materials", "tx", "tx_axis", "rx", "bodies",
+                   "meshes",
                    // results that a scene may carry with it; not read
                    "rms", "dynamic_rms", "paths_t0_rx0_ant0"});
   Scene scene;
@@ -219,6 +250,8 @@ Scene parse_scene(std::string_view text, const std::string& file_name) {
   read_antennas(root, scene);
   if (root.has("bodies"))
     for (const JsonNode& body : root.at("bodies").list()) read_body(body, scene);
+  if (root.has("meshes"))
+    for (const JsonNode& mesh : root.at("meshes").list()) read_still_mesh(mesh, scene);
   return scene;
 }
 

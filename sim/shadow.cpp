@@ -88,6 +88,40 @@ void set_across(ShadowView& view) {
   view.v = glm::cross(view.along, view.u);
 }
 
+/// `support_m(w)`: the body's reach from its centre along unit w.
+template <class Support>
+ShadowView shadow_view(const Vec3& centre, double radius, const Leg& leg, double wavelength_m,
+                       const Support& support_m) {
+  ShadowView v;
+  if (leg.is_point()) return v;
+  const double length = glm::distance(leg.from, leg.to);
+  v.along = (leg.to - leg.from) / length;
+  const double x = glm::dot(centre - leg.from, v.along);
+  v.off = centre - leg.from - x * v.along;
+  const double d1 = std::max(leg.before_m + x, 0.05), d2 = std::max(leg.total_m - leg.before_m - x, 0.05);
+  v.per_metre = std::sqrt(2 / wavelength_m * (1 / d1 + 1 / d2));
+
+  // In the open beside a smooth body its reflection already carries the edge wave: the outline's part is blended out.
+  const double distance = glm::length(v.off);
+  const double reach = distance > 0 ? support_m(v.off / distance) : radius;
+  const double open = smooth_step(((distance - reach) * v.per_metre - 2) / 2);
+  if (open >= 1) return v;
+  // A body behind either end of the leg dims nothing; it fades in as it comes between.
+  const double ends =
+      smooth_step((x + radius) / (2 * radius)) * smooth_step((length - x + radius) / (2 * radius));
+  v.weight = ends * (1 - open);
+  set_across(v);
+  return v;
+}
+
+/// Anticlockwise, scaled, the ray at the origin.
+std::vector<Vec2> outline_of(std::span<const Vec3> points, const Leg& leg, const ShadowView& view) {
+  std::vector<Vec2> corners;
+  for (const Vec3& p : points)
+    corners.push_back(view.per_metre * Vec2{glm::dot(p - leg.from, view.u), glm::dot(p - leg.from, view.v)});
+  return convex_hull(std::move(corners));
+}
+
 std::complex<double> contour_shadow(const Body& body, const Leg& leg, const ShadowView& view) {
   if (body.shape != Shape::ellipsoid) return 1.0 - polygon_contour(hull_outline(body, leg, view)) / (2 * kPi);
   const OutlineEllipse e = ellipsoid_outline(body, view);
@@ -102,26 +136,8 @@ double smooth_step(double t) {
 }
 
 ShadowView shadow_view(const Body& body, const Leg& leg, double wavelength_m) {
-  ShadowView v;
-  if (leg.is_point()) return v;
-  const double length = glm::distance(leg.from, leg.to);
-  v.along = (leg.to - leg.from) / length;
-  const double x = glm::dot(body.centre - leg.from, v.along);
-  v.off = body.centre - leg.from - x * v.along;
-  const double d1 = std::max(leg.before_m + x, 0.05), d2 = std::max(leg.total_m - leg.before_m - x, 0.05);
-  v.per_metre = std::sqrt(2 / wavelength_m * (1 / d1 + 1 / d2));
-
-  // In the open beside a smooth body its reflection already carries the edge wave: the outline's part is blended out.
-  const double radius = body.bounding_radius_m(), distance = glm::length(v.off);
-  const double reach = distance > 0 ? body.support_m(v.off / distance) : radius;
-  const double open = smooth_step(((distance - reach) * v.per_metre - 2) / 2);
-  if (open >= 1) return v;
-  // A body behind either end of the leg dims nothing; it fades in as it comes between.
-  const double ends =
-      smooth_step((x + radius) / (2 * radius)) * smooth_step((length - x + radius) / (2 * radius));
-  v.weight = ends * (1 - open);
-  set_across(v);
-  return v;
+  return shadow_view(body.centre, body.bounding_radius_m(), leg, wavelength_m,
+                     [&body](const Vec3& w) { return body.support_m(w); });
 }
 
 OutlineEllipse ellipsoid_outline(const Body& body, const ShadowView& view) {
@@ -136,10 +152,23 @@ OutlineEllipse ellipsoid_outline(const Body& body, const ShadowView& view) {
 }
 
 std::vector<Vec2> hull_outline(const Body& body, const Leg& leg, const ShadowView& view) {
-  std::vector<Vec2> corners;
-  for (const Vec3& p : rim_points(body))
-    corners.push_back(view.per_metre * Vec2{glm::dot(p - leg.from, view.u), glm::dot(p - leg.from, view.v)});
-  return convex_hull(std::move(corners));
+  return outline_of(rim_points(body), leg, view);
+}
+
+std::complex<double> hull_shadow_factor(std::span<const Vec3> points, const Leg& leg, double wavelength_m) {
+  Vec3 low = points[0], high = points[0];
+  for (const Vec3& p : points) low = glm::min(low, p), high = glm::max(high, p);
+  const Vec3 centre = (low + high) / 2.0;
+  const auto support_m = [&](const Vec3& w) {
+    double reach = 0;
+    for (const Vec3& p : points) reach = std::max(reach, glm::dot(p - centre, w));
+    return reach;
+  };
+  double radius = 0;
+  for (const Vec3& p : points) radius = std::max(radius, glm::distance(p, centre));
+  const ShadowView view = shadow_view(centre, radius, leg, wavelength_m, support_m);
+  if (view.weight <= 0) return 1;
+  return 1.0 - view.weight / (2 * kPi) * polygon_contour(outline_of(points, leg, view));
 }
 
 std::complex<double> contour_shadow(const Body& body, const Leg& leg, double wavelength_m) {

@@ -4,6 +4,8 @@
 // outline; nothing is ever switched on or off, so the channel stays continuous while bodies move.
 #pragma once
 
+#include <span>
+
 #include "sim/body.h"
 
 namespace csipose::sim {
@@ -42,6 +44,9 @@ std::complex<double> contour_shadow(const Body& body, const Leg& leg, double wav
 
 /// The factor on the leg: 1 where the body is clear of it by about four Fresnel zones.
 std::complex<double> shadow_factor(const Body& body, const Leg& leg, double wavelength_m);
+
+/// The same of any body, by the outline of the hull of its points.
+std::complex<double> hull_shadow_factor(std::span<const Vec3> points, const Leg& leg, double wavelength_m);
 
 /// Quintic step: 0 below 0, 1 above 1, two continuous derivatives. Also the minimum-jerk profile of motion.
 double smooth_step(double t);
