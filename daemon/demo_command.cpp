@@ -135,7 +135,6 @@ class Demo {
     out << fmt::format("[daemon]\nname = \"demo\"\nrun_dir = \"{0}\"\nstate_dir = \"{0}\"\n",
                        (folder_ / "").string())
         << fmt::format("[ingest]\nlisten = \"udp://127.0.0.1:{}\"\n", port_)
-        << fmt::format("[window]\nsample_rate_hz = {:.1f}\n", options_.rate_hz)
         << fmt::format("[model]\npath = \"{}\"\n", model_)
         << fmt::format("[room]\nsize_m = [{:.2f}]\ntransmitter_m = [{:.2f}]\n", fmt::join(room.size_m, ", "),
                        fmt::join(room.transmitter_m, ", "));

@@ -62,12 +62,18 @@ Line receiver_line(const std::string& id, const ReceiverQuality& quality, const 
   return line;
 }
 
+ReceiverQuality nothing_measured() {
+  ReceiverQuality quality;
+  quality.rssi_dbm.fill(kUnknown);
+  return quality;
+}
+
 void add_receivers(const LiveState& state, std::vector<Line>& lines) {
   lines.push_back({{"Receivers", Tone::dim}});
   for (std::size_t r = 0; r < state.hello.room.receivers.size() && r < kReceivers; ++r) {
     const bool told = state.status && r < state.status->status.receivers.size();
     lines.push_back(receiver_line(state.hello.room.receivers[r].id,
-                                  state.pose ? state.pose->frame.receivers[r] : ReceiverQuality{},
+                                  state.pose ? state.pose->frame.receivers[r] : nothing_measured(),
                                   told ? &state.status->status.receivers[r] : nullptr));
   }
 }
@@ -121,6 +127,24 @@ void add_people(const LiveState& state, std::vector<Line>& lines) {
 }
 
 // ---- The simulator's truth ----
+
+/// Poses and truth share the room's corner, so errors hold; but what is configured is not what is simulated.
+bool is_another_room(const LiveState& state) {
+  if (!state.truth) return false;
+  const Point3& size = state.truth->hello.size_m;
+  const auto& configured = state.hello.room.size_m;
+  constexpr float kSame_m = 0.01F;
+  return std::abs(size.x - configured[0]) > kSame_m || std::abs(size.y - configured[1]) > kSame_m ||
+         std::abs(size.z - configured[2]) > kSame_m;
+}
+
+/// So large that both rooms fit.
+std::array<float, 3> drawn_size_m(const LiveState& state) {
+  std::array<float, 3> size = state.hello.room.size_m;
+  if (!state.truth) return size;
+  const Point3& simulated = state.truth->hello.size_m;
+  return {std::max(size[0], simulated.x), std::max(size[1], simulated.y), std::max(size[2], simulated.z)};
+}
 
 std::string percent_or_dash(double ratio) { return number_or_dash(100 * ratio, "{:.0f}"); }
 
@@ -233,7 +257,8 @@ void draw_devices(const RoomDescription& room, std::size_t up, Picture& picture)
 
 Picture make_picture(const LiveState& state, std::size_t up, std::size_t columns, std::size_t rows) {
   const RoomDescription& room = state.hello.room;
-  Picture picture(columns, rows, room.size_m[0], room.size_m[up]);
+  const auto size_m = drawn_size_m(state);
+  Picture picture(columns, rows, size_m[0], size_m[up]);
   const Up axis = up == 1 ? &Point3::y : &Point3::z;
   draw_devices(room, up, picture);
   if (state.truth && state.truth->shown) draw_truth(*state.truth->shown, axis, picture);
@@ -248,7 +273,7 @@ std::size_t picture_columns(float across_m, float up_m, std::size_t rows, std::s
 }
 
 void add_pictures(const LiveState& state, std::size_t width, std::size_t rows, std::vector<Line>& lines) {
-  const auto& size = state.hello.room.size_m;
+  const auto size = drawn_size_m(state);
   if (rows < kLeastPictureRows + 1 || width < 2 * kLeastPictureColumns ||
       *std::min_element(size.begin(), size.end()) <= 0)
     return;
@@ -320,6 +345,7 @@ std::vector<Line> render_live(const LiveState& state, std::size_t width, std::si
   lines.push_back({{fmt::format("{}   model {}   session {:016x}", state.hello.name, state.hello.model,
                                 state.hello.session),
                     Tone::dim}});
+  if (is_another_room(state)) lines.back().push_back({"   room not as simulated", Tone::warning});
   const bool airy = !state.truth || rows >= kAiryRows;
   const auto pause = [&] {
     if (airy) lines.push_back({});

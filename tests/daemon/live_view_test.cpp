@@ -176,6 +176,21 @@ TEST(LiveView, TruthIsDrawnWhenNobodyIsClaimedAndNotTakenForAResult) {
   EXPECT_TRUE(has(text_of(lines), "1 person (dotted)"));
 }
 
+TEST(LiveView, SaysWhenTheRoomIsNotTheSimulators) {
+  LiveState state = state_with(1);
+  state.truth = truth_with(1);
+  state.truth->hello.size_m = {4, 3.5F, 2.6F};
+  EXPECT_FALSE(has(text_of(render_live(state, 80, 24)), "room not as simulated"));
+  state.truth->hello.size_m = {5.6F, 4.8F, 2.8F};
+  EXPECT_TRUE(has(text_of(render_live(state, 80, 24), 80), "room not as simulated"));
+}
+
+TEST(LiveView, WhatIsNotMeasuredIsADash) {
+  LiveState state = state_with(1);
+  state.pose.reset();
+  EXPECT_TRUE(has(text_of(render_live(state, 80, 24)), "RSSI     -     -     - dBm"));
+}
+
 TEST(LiveView, ATruthThatIsOldIsNotDrawn) {
   LiveState state = state_with(1);
   state.truth = truth_with(1);
