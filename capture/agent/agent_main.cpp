@@ -17,9 +17,9 @@
 #include "capture/netlink.h"
 #include "proto/keys.h"
 #include "proto/notify.h"
+#include "proto/poll_stop.h"
 #include "proto/record_stream.h"
 #include "proto/result.h"
-#include "proto/poll_stop.h"
 #include "version.h"
 
 namespace csipose {
