@@ -359,6 +359,9 @@ class Picture::Page {
             cv::saturate_cast<std::uint8_t>(255 * (1 + (decibel(std::abs(x)) - top_db) / kRange_db));
       }
     }
+    // The colours of the first column blend with what is known, not with nothing.
+    const int first = columns - static_cast<int>(past.size());
+    for (int column = 0; column < first; ++column) levels.col(first).copyTo(levels.col(column));
     return levels;
   }
   void draw_link(glm::dvec2 low, glm::dvec2 high, std::size_t receiver, std::size_t antenna, double top_db) {
@@ -394,8 +397,9 @@ class Picture::Page {
   }
   void draw_time_axis(double left, double right) {
     const double y = height_ - kBottom + 4;
-    const std::string now = fmt::format("{:.1f} s", now_.time_s()),
-                      then = fmt::format("{:.1f} s", now_.time_s() - now_.past_s());
+    const int digits = now_.past_s() < 1 ? 2 : 1;
+    const std::string now = fmt::format("{:.{}f} s", now_.time_s(), digits),
+                      then = fmt::format("{:.{}f} s", now_.time_s() - now_.past_s(), digits);
     brush_.text({left, y + 12}, then, 9, kPale);
     brush_.text({right - brush_.text_width(now, 9), y + 12}, now, 9, kPale);
   }

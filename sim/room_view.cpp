@@ -2,15 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <thread>
 
 #include "sim/material.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
-constexpr int kLightPoints = 16, kSkyDirections = 32,
+constexpr int kLightPoints = 32, kSkyDirections = 32,
               kPerPixel = 4;         // each pixel takes a quarter of each, in turn
 constexpr double kLift_m = 1e-3;     // off the surface, before looking around
 constexpr double kSkyReach_m = 0.7;  // what is farther off dims no corner
@@ -28,12 +26,8 @@ std::uint8_t srgb(float linear) {
                                    0.5);
 }
 
-/// Radical inverse in base 2: 1/2, 1/4, 3/4, ...
-double scattered(unsigned i) {
-  double x = 0, digit = 0.5;
-  for (; i > 0; i /= 2, digit /= 2) x += (i & 1) * digit;
-  return x;
-}
+/// Round the circle by the golden angle, for each pixel's share by itself: each share looks to all sides.
+double spread_angle(unsigned i) { return 2.399963 * (i / kPerPixel) + 0.6 * (i % kPerPixel); }
 
 /// What shading asks for.
 struct SurfacePoint {
@@ -84,12 +78,12 @@ class Look {
     const Vec3 middle = (extent.low + extent.high) / 2.0, size = extent.high - extent.low;
     const double radius = 0.22 * std::min(size.x, size.y);
     for (unsigned i = 0; i < kLightPoints; ++i) {
-      const double r = radius * std::sqrt((i + 0.5) / kLightPoints), angle = 2.399963 * i;  // golden angle
+      const double r = radius * std::sqrt((i + 0.5) / kLightPoints), angle = spread_angle(i);
       lights_.push_back({middle.x - 0.12 * size.x + r * std::cos(angle),
                          middle.y + 0.1 * size.y + r * std::sin(angle), extent.high.z - 0.02});
     }
     for (unsigned i = 0; i < kSkyDirections; ++i) {
-      const double u = (i + 0.5) / kSkyDirections, angle = 2 * kPi * scattered(i + 1);  // cosine about z
+      const double u = (i + 0.5) / kSkyDirections, angle = spread_angle(i);  // cosine about z
       sky_.push_back({std::sqrt(u) * std::cos(angle), std::sqrt(u) * std::sin(angle), std::sqrt(1 - u)});
     }
   }
@@ -132,16 +126,15 @@ class Look {
   /// 1 where nothing is near in that direction, less the nearer something is.
   double open_share(const Vec3& p, const Vec3& direction) const {
     double open_m = kSkyReach_m;
-    if (const auto thing = things_.first_hit(p, direction, kLift_m))
-      open_m = std::min(open_m, thing->distance_m);
+    if (const auto thing = things_.first_hit(p, direction)) open_m = std::min(open_m, thing->distance_m);
     if (!room_.triangles.empty())
-      if (const auto wall = room_rays_.first_hit(p, direction, kLift_m))
-        open_m = std::min(open_m, wall->distance_m);
+      if (const auto wall = room_rays_.first_hit(p, direction)) open_m = std::min(open_m, wall->distance_m);
     return open_m / kSkyReach_m;
   }
 
   Colour shaded(const SurfacePoint& at, const Vec3& view, unsigned turn) const {
-    const Vec3 p = at.p + kLift_m * at.normal;
+    const Vec3 p =
+        at.p + kLift_m * (at.normal - view);  // back along the ray too: in a corner that is inside for sure
     double light = 0, sky = 0;
     const Vec3 other = std::abs(at.normal.x) < 0.6 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
     const Vec3 u = glm::normalize(glm::cross(other, at.normal)), v = glm::cross(at.normal, u);
