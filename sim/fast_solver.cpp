@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <numeric>
 #include <optional>
 
 #include "sim/fast_optics.h"
@@ -155,7 +156,7 @@ class FastSolver::Impl {
   using Snapshots = std::span<const std::vector<Body>>;
   using Factor = std::complex<float>;
 
-  void add_static_row(std::size_t antenna, const Path& path);
+  void add_static_row(std::size_t antenna, const Path& path, bool shadows);
   ToneSum* sum_at(std::size_t t, std::size_t antenna) {
     return &sums_[(t * antennas_.size() + antenna) * blocks_];
   }
@@ -206,6 +207,21 @@ class FastSolver::Impl {
   std::vector<Pending> pending_;
 };
 
+double power_of(const Path& path) { return std::norm(path.amplitude * path.shadow); }
+
+/// Furniture adds hundreds of faint paths. Those that together carry 1e-5 of the power keep their light whatever stands
+/// in their way: an error of 0.3 % of the rms at most.
+double weakest_that_counts(const std::vector<Path>& paths) {
+  constexpr double kUnseenShare = 1e-5;
+  std::vector<double> powers;
+  for (const Path& path : paths) powers.push_back(power_of(path));
+  std::sort(powers.begin(), powers.end());
+  double left = kUnseenShare * std::accumulate(powers.begin(), powers.end(), 0.0);
+  for (const double power : powers)
+    if ((left -= power) < 0) return power;
+  return 0;
+}
+
 FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
     : scene_(scene),
       kernels_(kernels),
@@ -225,13 +241,17 @@ FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
   }
   for (const Body& body : scene.furniture) furniture_rows_.push_back(body_row(body));
   static_sum_.resize(antennas_.size() * blocks_);
-  for (std::size_t a = 0; a < antennas_.size(); ++a)
-    for (const Path& path : reference_paths(scene_, antennas_[a], 0)) add_static_row(a, path);
+  for (std::size_t a = 0; a < antennas_.size(); ++a) {
+    const std::vector<Path> paths = reference_paths(scene_, antennas_[a], 0);
+    const double weakest = weakest_that_counts(paths);
+    for (const Path& path : paths) add_static_row(a, path, power_of(path) >= weakest);
+  }
   legs_.pad();
 }
 
-/// Walls and furniture alone: F, their shadows on each other, stays as it is.
-void FastSolver::Impl::add_static_row(std::size_t antenna, const Path& path) {
+/// Walls and furniture alone: F, their shadows on each other, stays as it is. Where what moves never `shadows` it, it is part
+/// of the sum only.
+void FastSolver::Impl::add_static_row(std::size_t antenna, const Path& path, bool shadows) {
   const std::complex<double> amplitude = path.amplitude * path.shadow;
   const std::size_t row_index = antenna_of_row_.size();
   antenna_of_row_.push_back(antenna);
@@ -245,6 +265,7 @@ void FastSolver::Impl::add_static_row(std::size_t antenna, const Path& path) {
     row.re[lane] = f(h.real()), row.im[lane] = f(h.imag());
     total.re[lane] += row.re[lane], total.im[lane] += row.im[lane];
   }
+  if (!shadows) return;
   for (const Leg& leg : path.legs)
     if (!leg.is_point()) legs_.add(leg, static_cast<std::uint32_t>(row_index));
 }
