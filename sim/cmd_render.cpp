@@ -153,10 +153,10 @@ void add_render(CLI::App& app) {
       ->check(CLI::Range(0, 1000))
       ->capture_default_str();
   command->add_option("--width", options->picture.width, "pixels")
-      ->check(CLI::Range(640, 3840))
+      ->check(CLI::Range(320, 3840))
       ->capture_default_str();
   command->add_option("--height", options->picture.height, "pixels")
-      ->check(CLI::Range(360, 2160))
+      ->check(CLI::Range(180, 2160))
       ->capture_default_str();
   command
       ->add_option("--azimuth", options->picture.azimuth_deg,

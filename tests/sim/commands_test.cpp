@@ -163,7 +163,7 @@ TEST_F(Commands, SaysSoWhenTheDiskIsFull) {
 }
 
 TEST_F(Commands, RendersAPictureOrAFilm) {
-  const std::string small = "render --scene office --width 640 --height 360 --past 0.1 --at 0.1 --out ";
+  const std::string small = "render --scene office --width 320 --height 180 --past 0.1 --at 0.1 --out ";
   ASSERT_EQ(run(small + (folder_ / "a.png").string()).status, 0);
   EXPECT_EQ(bytes(folder_ / "a.png").substr(1, 3), "PNG");
   const Outcome film = run(small + (folder_ / "c.mp4").string() + " --seconds 0.05 --fps 20");
@@ -173,15 +173,37 @@ TEST_F(Commands, RendersAPictureOrAFilm) {
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 2) << "nothing half-written is left";
 }
 
+TEST_F(Commands, SolvesBodiesAsTrianglesAndSaysWhenItMust) {
+  const auto scene = [&](const char* name, const std::string& body) {
+    std::ofstream(folder_ / name)
+        << R"({"tx": [0, 0, 1], "antennas": 1, "snapshots": 1, "rx": [{"center": [3, 0, 1]}], "bodies": [)"
+        << body << "]}";
+    return "solve " + (folder_ / name).string() + " --out " + (folder_ / "h.npy").string();
+  };
+  const std::string ball =
+      scene("ball.json", R"({"kind": "sphere", "c": [1.5, 1, 1], "r": 0.2, "mat": "wood"})");
+  EXPECT_EQ(run(ball + " --scatter po").status, 0);
+  EXPECT_EQ(run(ball + " --scatter facet").status, 0);
+  EXPECT_EQ(run(ball + " --scatter soft").status, 64);
+  std::ofstream(folder_ / "t.obj")
+      << "v 0 0 0\nv .3 0 0\nv 0 .3 0\nv 0 0 .3\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
+  const std::string mesh =
+      scene("mesh.json", R"({"kind": "mesh", "file": "t.obj", "c": [1.5, 1, 1], "mat": "wood"})");
+  const Outcome refused = run(mesh);
+  EXPECT_EQ(refused.status, 64);
+  EXPECT_NE(refused.words.find("add --scatter po"), std::string::npos) << refused.words;
+  EXPECT_EQ(run(mesh + " --scatter po").status, 0);
+}
+
 TEST_F(Commands, RenderRefusesInWords) {
   const Outcome gif = run("render --out " + (folder_ / "a.gif").string());
   EXPECT_EQ(gif.status, 64);
   EXPECT_NE(gif.words.find("neither a picture (.png) nor a film (.mp4)"), std::string::npos) << gif.words;
   EXPECT_NE(run("render --scene reflector --out " + (folder_ / "a.png").string()).words.find("formula"),
             std::string::npos);
-  EXPECT_EQ(run("render --width 640 --height 360 --at 0 --out " + (folder_ / "no" / "a.png").string()).status,
+  EXPECT_EQ(run("render --width 320 --height 180 --at 0 --out " + (folder_ / "no" / "a.png").string()).status,
             73);
-  EXPECT_EQ(run("render --width 640 --height 360 --at 0 --out " + (folder_ / "no" / "a.mp4").string()).status,
+  EXPECT_EQ(run("render --width 320 --height 180 --at 0 --out " + (folder_ / "no" / "a.mp4").string()).status,
             73);
 }
 

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "sim/fast_solver.h"
 #include "sim/material.h"
 #include "sim/mesh_paths.h"
 #include "sim/reference_solver.h"
@@ -164,6 +165,20 @@ TEST(MeshRoom, AShoeboxHasItsChannel) {
   EXPECT_LT(relative_error(solve_reference(still), walls), 1e-9);
   // A flat face's mirror point may lie beyond a wall, where a mesh hides it: a contribution of little weight.
   EXPECT_LT(relative_error(solve_reference(moving), all), 5e-3);
+}
+
+TEST(MeshRoom, BothSolversTakeIt) {
+  Scene scene = mixed_scene();
+  scene.snapshots = 3;
+  scene.meshes = mesh_room(scene);
+  const auto fast = solve_fast(scene);
+  const auto reference = solve_reference(scene);
+  double error = 0, power = 0;
+  for (std::size_t i = 0; i < fast.size(); ++i) {
+    error += std::norm(std::complex<double>(fast[i]) - reference[i]);
+    power += std::norm(reference[i]);
+  }
+  EXPECT_LT(std::sqrt(error / power), 1e-2);
 }
 
 /// An L: 6 x 3 m with 3 x 3 m more on its left half, 2.5 m high.
