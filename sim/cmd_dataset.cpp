@@ -27,6 +27,7 @@ struct DatasetOptions {
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
   std::string store = "int8";
   RadioOptions radio;
+  Ways ways;
 
   Storage storage() const { return *find_storage(store); }
 };
@@ -69,6 +70,8 @@ std::map<std::string, std::string> made_by(const char* generator, const DatasetO
           {"rate_hz", fmt::format("{}", options.rate_hz)},
           {"impair", options.storage() == Storage::records ? options.radio.words() : "none"},
           {"store", options.store},
+          {"pairs", std::to_string(options.ways.pairs)},
+          {"clutter", options.ways.clutter ? "yes" : "no"},
           {"version", CSIPOSE_VERSION},
           {"commit", CSIPOSE_COMMIT}};
 }
@@ -94,7 +97,7 @@ void make_object_dataset(const DatasetOptions& options) {
   plan.made_by = made_by("sim-object", options);
   const Impairments on = options.radio.impairments();
   make_dataset(plan, options.threads, [&](std::uint32_t clip) {
-    const auto scene = object_scene(options.seed, clip, options.rate_hz);
+    const auto scene = object_scene(options.seed, clip, options.rate_hz, options.ways);
     return make_clip(*scene, options.storage(), on, options.seed, clip, options.frames, options.rate_hz);
   });
 }
@@ -143,6 +146,7 @@ void make_human_dataset(const HumanOptions& options) {
     clip.spec.people = draw_people(options, number);
     clip.spec.allowed = options.who.allowed();
     clip.spec.chairs = options.who.chairs;
+    set_ways(clip.spec.room.still, options.ways, options.seed, number);
     return make_human_clip(clip, options.storage(), on, options.seed, options.rate_hz);
   });
 }
@@ -191,6 +195,7 @@ void add_common_options(CLI::App& command, DatasetOptions& options) {
       ->capture_default_str();
   command.add_option("--seed", options.seed, "same seed, same bytes")->capture_default_str();
   add_radio_options(command, options.radio);
+  add_ways_options(command, options.ways);
 }
 
 void add_object(CLI::App& dataset) {
@@ -225,7 +230,9 @@ void add_benchmark_sets(CLI::App& dataset) {
   command->add_flag("--small", simpiw->small, "a tenth of it");
   command->callback([simpiw] { make_simpiw(*simpiw); });
   auto object = std::make_shared<DatasetOptions>();
-  command = dataset.add_subcommand("object-90k", "the pre-training set: 900 clips of 100 frames, seed 1");
+  object->ways.clutter = true;
+  command = dataset.add_subcommand(
+      "object-90k", "the pre-training set: 900 clips of 100 frames, seed 1, walls that scatter");
   add_folder_options(*command, *object);
   command->callback([object] { make_object_dataset(*object); });
 }

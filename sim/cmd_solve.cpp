@@ -27,7 +27,8 @@ std::string json_line(const Path& path, int snapshot, std::size_t receiver, std:
   for (const Wall wall : path.walls)
     walls += fmt::format("{}\"{}\"", walls.empty() ? "" : ",", kWallNames[static_cast<std::size_t>(wall)]);
   const std::string kind =
-      path.body < 0
+      path.diffuse ? R"("type":"diffuse")"
+      : path.body < 0
           ? fmt::format(R"("type":"wall","idx":[{},{},{}],"walls":[{}])", path.image.x, path.image.y,
                         path.image.z, walls)
           : fmt::format(R"("type":"body","body":{},"pair":[{},{}],"face":{})", path.body, path.wall_before,

@@ -104,7 +104,7 @@ void put(ShadowLanes& lanes, std::size_t lane, const LegRow& leg, const BodyRow&
 FresnelTable::FresnelTable(const Surface& surface, double wavelength_m) {
   for (int i = 0; i <= kFresnelSteps; ++i)
     table_.push_back(
-        surface.reflection(std::max(static_cast<double>(i) / kFresnelSteps, 1e-9), wavelength_m));
+        surface.mirror_reflection(std::max(static_cast<double>(i) / kFresnelSteps, 1e-9), wavelength_m));
 }
 
 Fresnel FresnelTable::at(double cos_incidence) const {

@@ -214,7 +214,8 @@ double power_of(const Path& path) { return std::norm(path.amplitude * path.shado
 double weakest_that_counts(const std::vector<Path>& paths) {
   constexpr double kUnseenShare = 1e-5;
   std::vector<double> powers;
-  for (const Path& path : paths) powers.push_back(power_of(path));
+  for (const Path& path : paths)
+    if (!path.diffuse) powers.push_back(power_of(path));
   std::sort(powers.begin(), powers.end());
   double left = kUnseenShare * std::accumulate(powers.begin(), powers.end(), 0.0);
   for (const double power : powers)
@@ -244,7 +245,7 @@ FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
   for (std::size_t a = 0; a < antennas_.size(); ++a) {
     const std::vector<Path> paths = reference_paths(scene_, antennas_[a], 0);
     const double weakest = weakest_that_counts(paths);
-    for (const Path& path : paths) add_static_row(a, path, power_of(path) >= weakest);
+    for (const Path& path : paths) add_static_row(a, path, !path.diffuse && power_of(path) >= weakest);
   }
   legs_.pad();
 }
@@ -253,19 +254,20 @@ FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
 /// of the sum only.
 void FastSolver::Impl::add_static_row(std::size_t antenna, const Path& path, bool shadows) {
   const std::complex<double> amplitude = path.amplitude * path.shadow;
-  const std::size_t row_index = antenna_of_row_.size();
-  antenna_of_row_.push_back(antenna);
-  rows_.resize(rows_.size() + blocks_);
+  std::vector<ToneSum> row(blocks_);
   for (std::size_t k = 0; k < scene_.tones.size(); ++k) {
     const double hz = scene_.carrier_hz + scene_.tones[k] * kToneSpacing_hz;
     const auto h =
         amplitude * std::polar(1.0, -2 * kPi * std::fmod(hz / kSpeedOfLight_m_s * path.length_m, 1.0));
     const std::size_t block = k / kTonesPerSum, lane = k % kTonesPerSum;
-    ToneSum &row = rows_[row_index * blocks_ + block], &total = static_sum_[antenna * blocks_ + block];
-    row.re[lane] = f(h.real()), row.im[lane] = f(h.imag());
-    total.re[lane] += row.re[lane], total.im[lane] += row.im[lane];
+    ToneSum& total = static_sum_[antenna * blocks_ + block];
+    row[block].re[lane] = f(h.real()), row[block].im[lane] = f(h.imag());
+    total.re[lane] += row[block].re[lane], total.im[lane] += row[block].im[lane];
   }
   if (!shadows) return;
+  const std::size_t row_index = antenna_of_row_.size();
+  antenna_of_row_.push_back(antenna);
+  rows_.insert(rows_.end(), row.begin(), row.end());
   for (const Leg& leg : path.legs)
     if (!leg.is_point()) legs_.add(leg, static_cast<std::uint32_t>(row_index));
 }

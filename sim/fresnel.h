@@ -36,10 +36,17 @@ Fresnel slab_transmission(std::complex<double> eta, double thickness_m, double w
 struct Surface {
   std::complex<double> eta = 1;
   double thickness_m = 0;
+  double mirrored_share = 1;  ///< of the amplitude; a rough wall scatters the rest (clutter.h)
 
+  /// Whole, as if the surface were smooth.
   Fresnel reflection(double cos_incidence, double wavelength_m) const {
     return thickness_m > 0 ? slab_reflection(eta, thickness_m, wavelength_m, cos_incidence)
                            : half_space(eta, cos_incidence);
+  }
+  /// What of it goes the way of a mirror's ray.
+  Fresnel mirror_reflection(double cos_incidence, double wavelength_m) const {
+    const Fresnel r = reflection(cos_incidence, wavelength_m);
+    return {mirrored_share * r.te, mirrored_share * r.tm};
   }
 };
 

@@ -173,10 +173,11 @@ namespace {
 
 class ObjectScene final : public MovingScene {
  public:
-  ObjectScene(std::uint64_t seed, std::uint32_t clip, double rate_hz)
+  ObjectScene(std::uint64_t seed, std::uint32_t clip, double rate_hz, Ways ways)
       : clip_(sample_object_clip(seed, clip)),
         still_(random_room(clip_.room_m, clip_.walls, clip_.devices)),
         step_s_(1 / rate_hz) {
+    set_ways(still_, ways, seed, clip);
     for (const FlyingObject& object : clip_.objects)
       surfaces_.push_back({object.material->permittivity(still_.carrier_hz), 0});
   }
@@ -198,8 +199,8 @@ class ObjectScene final : public MovingScene {
 
 }  // namespace
 
-std::unique_ptr<MovingScene> object_scene(std::uint64_t seed, std::uint32_t clip, double rate_hz) {
-  return std::make_unique<ObjectScene>(seed, clip, rate_hz);
+std::unique_ptr<MovingScene> object_scene(std::uint64_t seed, std::uint32_t clip, double rate_hz, Ways ways) {
+  return std::make_unique<ObjectScene>(seed, clip, rate_hz, ways);
 }
 
 }  // namespace csipose::sim

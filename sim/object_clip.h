@@ -40,6 +40,7 @@ struct ObjectClip {
 
 ObjectClip sample_object_clip(std::uint64_t seed, std::uint32_t clip);
 /// The clip as it runs on.
-std::unique_ptr<MovingScene> object_scene(std::uint64_t seed, std::uint32_t clip, double rate_hz);
+std::unique_ptr<MovingScene> object_scene(std::uint64_t seed, std::uint32_t clip, double rate_hz,
+                                          Ways ways = {});
 
 }  // namespace csipose::sim

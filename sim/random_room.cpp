@@ -65,6 +65,20 @@ void add_receiver(Scene& scene, const Vec3& centre, const Vec3& axis) {
   for (std::size_t a = 0; a < kAntennas; ++a) scene.receivers.back().push_back({array.element(a)});
 }
 
+Clutter draw_clutter(std::uint64_t seed, std::uint32_t clip) {
+  constexpr std::uint16_t kStrength = 100;  // beside the streams of the walls' phases
+  Clutter clutter;
+  clutter.scattering = CounterRng(seed, Purpose::clutter, kStrength, clip, 0).uniform(0, 0.35);
+  clutter.seed = seed;
+  clutter.clip = clip;
+  return clutter;
+}
+
+void set_ways(Scene& scene, const Ways& ways, std::uint64_t seed, std::uint32_t clip) {
+  scene.pairs = ways.pairs;
+  if (ways.clutter) scene.set_clutter(draw_clutter(seed, clip));
+}
+
 Scene random_room(const Vec3& room_m, const WallMaterials& walls, const DevicePlaces& devices) {
   Scene scene = shoebox(room_m, walls);
   scene.transmitter.position = devices[0].position;

@@ -26,6 +26,14 @@ DevicePlaces draw_devices(std::uint64_t seed, std::uint32_t clip, const Vec3& ro
 Scene shoebox(const Vec3& room_m, const WallMaterials& walls);
 /// A horizontal array of vertical dipoles half a wavelength apart.
 void add_receiver(Scene& scene, const Vec3& centre, const Vec3& axis);
+/// How rough the walls of a clip's room are: S uniform in 0..0.35, a directive pattern.
+Clutter draw_clutter(std::uint64_t seed, std::uint32_t clip);
+/// Which ways of waves a data set has besides those of every scene.
+struct Ways {
+  int pairs = 13;        ///< by a body: 1, 13 or 49
+  bool clutter = false;  ///< walls as rough as draw_clutter() says
+};
+void set_ways(Scene& scene, const Ways& ways, std::uint64_t seed, std::uint32_t clip);
 /// With its devices, arrays along their walls.
 Scene random_room(const Vec3& room_m, const WallMaterials& walls, const DevicePlaces& devices);
 

@@ -64,7 +64,7 @@ std::optional<Path> body_path(const Scene& scene, const std::vector<Body>& bodie
                    field_gain(scene.transmitter, rx, way.points_span(), way.normals_span(),
                               [&](std::size_t i, double cosine) {
                                 return (i == way.body_bounce ? surface : scene.room.walls[way.wall_of(i)])
-                                    .reflection(cosine, lambda_m);
+                                    .mirror_reflection(cosine, lambda_m);
                               });
   for (std::size_t i = 0; i < way.legs; ++i) {
     path.legs.push_back(way.leg(i, r));
@@ -101,6 +101,14 @@ std::vector<Path> reference_paths(const Scene& scene, const Antenna& rx, double 
   bodies.insert(bodies.end(), scene.furniture.begin(), scene.furniture.end());
   std::vector<Path> paths;
   add_still_paths(scene, bodies, rx, paths);
+  if (scene.walls && !scene.meshes)
+    for (const ClutterPath& way :
+         clutter_paths(scene.room, scene.clutter, scene.transmitter, rx, scene.wavelength_m())) {
+      paths.emplace_back();
+      paths.back().length_m = way.length_m;
+      paths.back().amplitude = way.amplitude;
+      paths.back().diffuse = true;
+    }
   add_body_paths(scene, bodies, rx, paths);
   return paths;
 }

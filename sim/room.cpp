@@ -86,7 +86,7 @@ std::complex<double> field_gain(const Antenna& tx, const Antenna& rx, std::span<
   std::vector<Vec3> normals;
   for (const Bounce& bounce : bounces) normals.push_back(bounce.normal);
   return field_gain(tx, rx, points, normals, [&](std::size_t i, double cosine) {
-    return bounces[i].surface.reflection(cosine, wavelength_m);
+    return bounces[i].surface.mirror_reflection(cosine, wavelength_m);
   });
 }
 

@@ -2,12 +2,14 @@
 // them.
 #pragma once
 
+#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "sim/band.h"
 #include "sim/body.h"
+#include "sim/clutter.h"
 #include "sim/mesh.h"
 #include "sim/room.h"
 #include "sim/shadow.h"
@@ -58,6 +60,7 @@ struct Scene {
       mesh_uses;  ///< of rooms and furniture; read_meshes() (mesh_scene.h) makes `meshes` of them
   std::vector<MeshBody> mesh_bodies;            ///< for facet_solver.h alone
   std::shared_ptr<const StillSurfaces> meshes;  ///< if there, waves meet these and not the walls of `room`
+  Clutter clutter;                              ///< of the walls; set_clutter() keeps walls and it in step
   double carrier_hz = 5.64e9;
   std::vector<double> tones;  ///< of the subcarriers, in units of kToneSpacing_hz from the carrier
   int wall_order = 3;         ///< most bounces of a path by walls only
@@ -66,6 +69,10 @@ struct Scene {
   double step_s = 1 / 300.0;
 
   double wavelength_m() const { return kSpeedOfLight_m_s / carrier_hz; }
+  void set_clutter(const Clutter& what) {
+    clutter = what;
+    for (Surface& wall : room.walls) wall.mirrored_share = std::sqrt(1 - what.scattering * what.scattering);
+  }
 };
 
 /// Every subcarrier that the card reports at 20 MHz.
@@ -79,7 +86,8 @@ struct Path {
   std::vector<Leg> legs;            ///< in order of travel
   glm::ivec3 image{};               ///< of a path by walls only
   std::vector<Wall> walls;          ///< ... and its walls in order of travel
-  int body = -1;  ///< of a path by a body: which, else -1; furniture counts on after the bodies
+  int body = -1;         ///< of a path by a body: which, else -1; furniture counts on after the bodies
+  bool diffuse = false;  ///< scattered by a tile of a rough wall: neither of the above
   int wall_before = -1, wall_after = -1;  ///< the pair; -1 = direct
   int face = kWholeSurface;
 };

@@ -231,6 +231,29 @@ void read_orders(const JsonNode& root, Scene& scene) {
   }
 }
 
+void read_clutter(const JsonNode& root, Scene& scene) {
+  if (!root.has("clutter")) return;
+  const JsonNode node = root.at("clutter");
+  node.allow_only({"s", "pattern", "alpha", "alpha_back", "lambda", "seed"});
+  if (!scene.walls) node.refuse("needs walls: give the room's size 'L'");
+  Clutter clutter;
+  clutter.scattering = node.at("s").number_in(0, 1);
+  const std::string pattern = node.has("pattern") ? node.at("pattern").text() : "directive";
+  if (pattern == "lambertian")
+    clutter.pattern = ScatterPattern::lambertian;
+  else if (pattern == "backscatter")
+    clutter.pattern = ScatterPattern::backscatter;
+  else if (pattern != "directive")
+    node.at("pattern").refuse(
+        fmt::format("there is no pattern '{}'; there are lambertian, directive, backscatter", pattern));
+  if (node.has("alpha")) clutter.forward_exponent = node.at("alpha").integer_in(1, 20);
+  if (node.has("alpha_back")) clutter.backward_exponent = node.at("alpha_back").integer_in(1, 20);
+  if (node.has("lambda")) clutter.forward_share = node.at("lambda").number_in(0, 1);
+  if (node.has("seed"))
+    clutter.seed = static_cast<std::uint64_t>(node.at("seed").integer_in(0, 1'000'000'000));
+  scene.set_clutter(clutter);
+}
+
 }  // namespace
 
 Scene parse_scene(std::string_view text, const std::string& file_name) {
@@ -238,7 +261,7 @@ Scene parse_scene(std::string_view text, const std::string& file_name) {
   const JsonNode root = file.root();
   root.allow_only({"name", "fc", "dt", "rate", "snapshots", "order", "object_wall_order", "pairs", "pattern",
                    "spacing", "antennas", "subcarriers", "L", "materials", "tx", "tx_axis", "rx", "bodies",
-                   "meshes",
+                   "meshes", "clutter",
                    // results that a scene may carry with it; not read
                    "rms", "dynamic_rms", "paths_t0_rx0_ant0"});
   Scene scene;
@@ -247,6 +270,7 @@ Scene parse_scene(std::string_view text, const std::string& file_name) {
   read_orders(root, scene);
   read_tones(root, scene);
   read_room(root, scene);
+  read_clutter(root, scene);
   read_antennas(root, scene);
   if (root.has("bodies"))
     for (const JsonNode& body : root.at("bodies").list()) read_body(body, scene);
@@ -263,7 +287,7 @@ RoomPlan parse_room(std::string_view text, const std::string& file_name) {
   const JsonFile file(text, file_name);
   const JsonNode root = file.root();
   root.allow_only({"name", "what", "fc", "pattern", "spacing", "L", "materials", "tx", "tx_axis", "rx",
-                   "area", "furniture"});
+                   "area", "clutter", "furniture"});
   RoomPlan plan;
   plan.name = root.at("name").text();
   Scene& scene = plan.still;
@@ -275,6 +299,7 @@ RoomPlan parse_room(std::string_view text, const std::string& file_name) {
   if (scene.receivers.size() != kReceivers)
     root.at("rx").refuse(
         fmt::format("has {} receivers; the system has {}", scene.receivers.size(), kReceivers));
+  read_clutter(root, scene);
   plan.area = area_at(root.at("area"), scene);
   if (root.has("furniture"))
     for (const JsonNode& piece : root.at("furniture").list()) read_furniture(piece, scene);

@@ -78,6 +78,15 @@ void add_people_options(CLI::App& command, PeopleOptions& options) {
                    "in random rooms: transmitter at one side of the area, receivers at the three others");
 }
 
+void add_ways_options(CLI::App& command, Ways& ways) {
+  command
+      .add_option("--pairs", ways.pairs,
+                  "ways by a body: 1 direct; 13 with one wall before or after it; 49 both")
+      ->check(CLI::IsMember({1, 13, 49}))
+      ->capture_default_str();
+  command.add_flag("--clutter", ways.clutter, "walls scatter: roughness drawn from the seed, S up to 0.35");
+}
+
 void add_scene_options(CLI::App& command, SceneOptions& options) {
   command
       .add_option(
@@ -87,6 +96,7 @@ void add_scene_options(CLI::App& command, SceneOptions& options) {
       ->capture_default_str();
   command.add_option("--people", options.people, "how many")->check(CLI::Range(0, 3))->capture_default_str();
   add_people_options(command, options.who);
+  add_ways_options(command, options.ways);
   add_capture_options(command, options.capture);
   command.add_option("--seed", options.seed, "same seed, same bytes")->capture_default_str();
   command.add_option("--clip", options.clip, "which clip of that seed")->capture_default_str();
@@ -101,10 +111,12 @@ std::unique_ptr<MovingScene> open_moving_scene(const SceneOptions& options) {
     throw SetupError(ExitStatus::usage,
                      fmt::format("--bvh needs a room for people; the scene '{}' has none", options.scene));
   if (options.scene == "reflector") return nullptr;
-  if (options.scene == "object") return object_scene(options.seed, options.clip, options.rate_hz);
+  if (options.scene == "object")
+    return object_scene(options.seed, options.clip, options.rate_hz, options.ways);
   HumanSpec spec;
   spec.room = options.scene == "random" ? draw_room(options.seed, options.clip, options.who.opposite)
                                         : read_room_plan(options.scene);
+  set_ways(spec.room.still, options.ways, options.seed, options.clip);
   if (captured)
     return std::make_unique<CapturedScene>(spec.room, options.capture, options.seed, options.rate_hz);
   spec.people = options.people;

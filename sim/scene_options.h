@@ -9,6 +9,7 @@
 #include "sim/captured_scene.h"
 #include "sim/human_scene.h"
 #include "sim/radio.h"
+#include "sim/random_room.h"
 #include "sim/solved_scene.h"
 
 namespace CLI {
@@ -27,11 +28,14 @@ struct PeopleOptions {
 };
 void add_people_options(CLI::App& command, PeopleOptions& options);
 
+void add_ways_options(CLI::App& command, Ways& ways);
+
 /// One scene that runs on.
 struct SceneOptions {
   std::string scene = "office";  ///< a room, "random", "object" or "reflector"
   std::size_t people = 1;
   PeopleOptions who;
+  Ways ways;
   CaptureSpec capture;  ///< with files: who moves as they say, instead of `people` and `who`
   std::uint64_t seed = 1;
   std::uint32_t clip = 0;
