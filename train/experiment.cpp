@@ -71,10 +71,10 @@ void must_finish(const Outcome& outcome) {
     throw SetupError(ExitStatus::try_again, "stopped; the same command goes on where it stopped");
 }
 
-ExperimentResult run_seed(const Experiment& row, RunSettings settings, const ExperimentData& data,
-                          std::uint64_t seed) {
-  const fs::path folder = fs::path(settings.run.out) / fmt::format("{}-seed{}", row.id, seed);
-  settings.run.seed = static_cast<int>(seed);
+/// Error in millimetres on data.test of what is learned from the rest.
+double learn_and_judge(const Experiment& row, const RunSettings& shared, const ExperimentData& data,
+                       const fs::path& folder) {
+  RunSettings settings = shared;
   settings.pretrain.mask = row.mask;
   if (row.pretrained) {
     Pool pool(pretraining_data(row, data));
@@ -89,13 +89,40 @@ ExperimentResult run_seed(const Experiment& row, RunSettings settings, const Exp
   settings.run.out = folder / "finetune";
   must_finish(finetune(settings, pool, Workers()));
   judged.set_scaling(pool.scaling().front());
-  return {seed, judge(folder / "finetune" / "best.safetensors", judged)};
+  return judge(folder / "finetune" / "best.safetensors", judged);
+}
+
+/// Mean over the environments, each of which is left out once.
+double leave_each_out(const Experiment& row, const RunSettings& settings, const ExperimentData& data,
+                      const fs::path& folder) {
+  if (data.real.size() < 2 || data.real.size() != data.test.size())
+    throw SetupError(
+        ExitStatus::bad_config,
+        fmt::format("experiment {} needs a folder in --data for each environment, at least two, and in "
+                    "--test as many in the same order",
+                    row.id));
+  double sum = 0;
+  for (std::size_t out = 0; out < data.real.size(); ++out) {
+    ExperimentData rest = data;
+    rest.real.erase(rest.real.begin() + static_cast<std::ptrdiff_t>(out));
+    rest.test = {data.test[out]};
+    sum += learn_and_judge(row, settings, rest, folder / fmt::format("without-{}", out));
+  }
+  return sum / static_cast<double>(data.real.size());
+}
+
+ExperimentResult run_seed(const Experiment& row, RunSettings settings, const ExperimentData& data,
+                          std::uint64_t seed) {
+  const fs::path folder = fs::path(settings.run.out) / fmt::format("{}-seed{}", row.id, seed);
+  settings.run.seed = static_cast<int>(seed);
+  return {seed, (row.leave_one_out ? leave_each_out : learn_and_judge)(row, settings, data, folder)};
 }
 
 }  // namespace
 
 const std::vector<Experiment>& experiments() {
   static const std::vector<Experiment> rows = {
+      {"T2a", "each environment left out in turn", 324.2, true, true, true, false, 1, "link", true},
       {"T5a", "from scratch", 102.4, false, false, false, false, 1, "link"},
       {"T5b", "pre-trained on sim-object", 100.1, true, false, true, false, 1, "link"},
       {"T5c", "pre-trained on sim-human", 110.3, true, false, false, true, 1, "link"},

@@ -14,7 +14,8 @@
 
 namespace csipose::train {
 
-/// Data by role: an experiment says which it needs.
+/// Data by role: an experiment says which it needs. Where environments are left out, each folder of `real` is one, and
+/// `test` has one for each in the same order.
 struct ExperimentData {
   std::vector<std::string> real, objects, humans, test;
 };
@@ -27,6 +28,7 @@ struct Experiment {
   bool real, objects, humans;  ///< what it is pre-trained on
   double share;                ///< of each of these sets
   std::string_view mask;       ///< of pre-training
+  bool leave_one_out = false;  ///< each environment in turn is kept from learning, and judged on
 };
 /// Every row that can be run, in the order of the tables.
 const std::vector<Experiment>& experiments();

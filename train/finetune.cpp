@@ -209,6 +209,7 @@ class Poses3d : public Objective {
   /// The poses are done; what follows learns on the best of them.
   void begin_sigma_phase() {
     if (workers_.first()) write_weights(folder() / "last.safetensors", weights_);
+    workers_.any(false);  // nobody reads before the first has written
     const Weights best = read_weights(folder() / "best.safetensors");
     const at::NoGradGuard no_gradients;
     for (const auto& [name, tensor] : best.parameters) weights_.parameters[name].detach().copy_(tensor);
