@@ -12,4 +12,5 @@ void add_live(CLI::App& app);
 void add_record(CLI::App& app);
 void add_render(CLI::App& app);
 void add_solve(CLI::App& app);
+void add_stats(CLI::App& app);
 }  // namespace csipose::sim

@@ -18,6 +18,7 @@ int main(int argc, char** argv) {
   csipose::sim::add_record(app);
   csipose::sim::add_render(app);
   csipose::sim::add_solve(app);
+  csipose::sim::add_stats(app);
   try {
     app.parse(argc, argv);
     return static_cast<int>(ExitStatus::ok);

@@ -99,7 +99,7 @@ Nic draw_nic(const Impairments& on, std::uint64_t seed, std::uint32_t clip, std:
   Nic nic;
   nic.transmit_power_dbm = sender.uniform(10, 17);
   nic.csi_power_db = rng.uniform(30, 36);
-  const double delay_s = rng.uniform(185e-9, 230e-9);
+  const double delay_s = rng.uniform(172e-9, 214e-9);
   if (on.detection_delay) nic.mean_delay_s = delay_s;
   const double zero_us = rng.uniform(0, 0x1p32), skew = rng.uniform(-20e-6, 20e-6);
   nic.first_count = static_cast<std::uint16_t>(rng.index(65536));
@@ -176,8 +176,8 @@ Radio::Radio(const Impairments& on, const Band& band, const Nic& nic, std::size_
 PacketTrouble Radio::draw_trouble(CounterRng& rng, double total_dbm) const {
   const double phase_rad = rng.uniform(-std::numbers::pi, std::numbers::pi);
   const double jitter_s = delay_jitter_sigma_s(total_dbm) * rng.normal();
-  const bool slips = rng.chance(0.02), early = rng.chance(0.5);
-  const double power_db = rng.uniform(-0.4, 0.4);
+  const bool slips = rng.chance(0.005), early = rng.chance(0.5);
+  const double power_db = rng.uniform(-0.65, 0.65);
   const auto perm = permutation(kAntennaSel[rng.index(kAntennaSel.size())]);
   PacketTrouble trouble;
   trouble.delay_s = nic_.mean_delay_s;

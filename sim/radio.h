@@ -36,7 +36,7 @@ struct Impairments {
   bool passband = false;         ///< B_a: ripple of +-1 dB, roll-off at the band's edges
   bool thermal_noise = false;    ///< n, -92 dBm
   bool converter_noise = false;  ///< q, power 1 in units of the last bit
-  bool power_jitter = false;     ///< c_p, +-0.4 dB
+  bool power_jitter = false;     ///< c_p, +-0.65 dB
   bool antenna_order = false;    ///< chains come in any of six orders
   bool losses = false;           ///< Gilbert-Elliott
   bool channel_access =
