@@ -1,0 +1,90 @@
+// model/metrics.h - how far predicted people are from labelled ones: the figures by which methods are compared.
+//
+// Two ways to say which prediction belongs to which person:
+//   piw3d   Person-in-WiFi 3D's: all predictions, no threshold; the nearest pair first, each once; a person
+//           left over is scored against the last prediction. False positives cost nothing: an oracle over
+//           all hypotheses.
+//   detect  what a user sees: optimal assignment of those predictions that passed threshold and pose-NMS;
+//           pairs further apart than 0.5 m do not count.
+// Errors are in the coordinates of the label, millimetres. Means go over the people of a frame, then over
+// frames; frames in which nobody is matched are not in the mean, but are counted.
+// Source: aiotgroup/Person-in-WiFi-3D-repo (calc_mpjpe), cseeyangchen/DT-Pose (PCK); Horn 1987 (alignment).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "proto/pose.h"
+
+namespace csipose {
+
+enum class Protocol { piw3d, detect };
+
+/// Share of joints within a distance, percent. torso: times right shoulder to left hip; elbows: times elbow
+/// to elbow (what DT-Pose's code measures on this data set); mm: as it stands.
+struct PoseErrors {
+  double mpjpe = 0;              ///< mean distance of joints, mm
+  std::array<double, 3> axis{};  ///< mean absolute difference, mm
+  double pa_mpjpe = 0;           ///< mm, after the similarity that fits best
+  double pck20 = 0, pck50 = 0;   ///< torso
+  double pck20_elbows = 0, pck50_elbows = 0;
+  double pck20mm = 0, pck50mm = 0;
+};
+/// One prediction against one person.
+PoseErrors pose_errors(const Skeleton& predicted, const Skeleton& person);
+/// Distance of each joint, mm.
+std::array<double, kJoints> joint_errors_mm(const Skeleton& predicted, const Skeleton& person);
+/// `predicted` turned (never mirrored), scaled and moved so that the squared distances to `person` are least;
+/// only moved when all its joints are one point.
+Skeleton aligned(const Skeleton& predicted, const Skeleton& person);
+
+inline constexpr std::size_t kMissed = static_cast<std::size_t>(-1);
+/// [people] index of each person's prediction, kMissed without one.
+std::vector<std::size_t> match(Protocol protocol, std::span<const Skeleton> predicted,
+                               std::span<const Skeleton> people);
+
+struct GroupMetrics {
+  std::size_t frames = 0, frames_unmatched = 0;  ///< unmatched: somebody is there, and nobody was matched
+  std::size_t people = 0, matched = 0, predicted = 0, right_count = 0;
+  PoseErrors frame_mean, person_mean;
+  std::array<double, kJoints> per_joint{};  ///< mm, mean over people
+  double penalised_500 = 0;                 ///< MPJPE over people, 500 mm for each that was missed
+
+  double precision() const;
+  double recall() const;
+  double f1() const;
+  double count_accuracy() const;  ///< share of frames with as many predictions as people
+};
+
+/// Frames in, figures out.
+class Metrics {
+ public:
+  explicit Metrics(Protocol protocol) : protocol_(protocol) {}
+  void add(std::span<const Skeleton> predicted, std::span<const Skeleton> people);
+  GroupMetrics all() const { return all_.means(); }
+  /// By the number of labelled people.
+  std::map<std::size_t, GroupMetrics> by_count() const;
+  Protocol protocol() const { return protocol_; }
+
+ private:
+  struct Sums {
+    GroupMetrics counts;
+    std::size_t frames_matched = 0;
+    PoseErrors by_frame, by_person;
+    std::array<double, kJoints> joints{};
+    GroupMetrics means() const;
+  };
+  Protocol protocol_;
+  Sums all_;
+  std::map<std::size_t, Sums> by_count_;
+};
+
+/// {"protocol": .., "n_frames": .., "all": {"mpjpe": .., "err_x": .., "pa_mpjpe": .., "pck20": .., ..},
+/// "by_count": {"1": {..}}, "per_joint": [14]}; numbers that do not exist are null.
+std::string metrics_json(const Metrics& metrics);
+
+}  // namespace csipose
