@@ -29,4 +29,7 @@ struct FeatureOptions {
 ///   cost     some 4 us, nearly all of it arguments; no allocation
 bool extract_features(const CsiRecord& record, const FeatureOptions& options, Features& out);
 
+/// Features of CSI that is in no record, such as a simulator's array; amplitudes times `scale`.
+Features features_of(const StreamCsi& h, PhaseMethod phase, bool is_40mhz, double scale);
+
 }  // namespace csipose

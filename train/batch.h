@@ -8,26 +8,12 @@
 #include <vector>
 
 #include "model/model.h"
-#include "proto/pose.h"
 #include "train/losses.h"
 #include "train/masks.h"
 #include "train/torch.h"
+#include "train/window_source.h"
 
 namespace csipose::train {
-
-/// What training asks of a data set. Reading is safe from several threads.
-class WindowSource {
- public:
-  virtual ~WindowSource() = default;
-  virtual std::size_t size() const = 0;
-  virtual std::string name() const = 0;
-  /// Writes window i as Window::x, [60][20][9], not normalised.
-  virtual void read(std::size_t i, std::span<float> x) const = 0;
-  /// Its people in the label frame; empty for a set without labels too.
-  virtual std::span<const Skeleton> people(std::size_t i) const = 0;
-  /// Windows of a clip are much alike: they are held out together.
-  virtual std::uint64_t clip(std::size_t i) const = 0;
-};
 
 /// Several data sets as one, each with its own scaling.
 class Pool {

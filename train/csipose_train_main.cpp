@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
   CLI::App app("csipose-train: learns people's poses from WiFi channel state");
   app.set_version_flag("--version", "csipose-train " CSIPOSE_VERSION " (" CSIPOSE_COMMIT ")");
   app.require_subcommand(1);
+  csipose::train::add_dataset(app);
   csipose::train::add_pretrain(app);
   csipose::train::add_finetune(app);
   csipose::train::add_experiment(app);

@@ -1,17 +1,13 @@
 #include "train/window_folder.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <cmath>
 #include <cstring>
 
 #include "proto/npy.h"
 #include "proto/result.h"
+#include "train/mapped_file.h"
 
 namespace csipose::train {
 namespace {
@@ -21,33 +17,6 @@ namespace fs = std::filesystem;
 [[noreturn]] void refuse(const fs::path& path, const std::string& why) {
   throw SetupError(ExitStatus::bad_data, fmt::format("{}: {}", path.string(), why));
 }
-
-/// A file's bytes as they are on the disk, read when they are looked at.
-class MappedFile {
- public:
-  explicit MappedFile(const fs::path& path) {
-    const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    struct stat status {};
-    if (file >= 0 && ::fstat(file, &status) == 0 && status.st_size > 0) {
-      size_ = static_cast<std::size_t>(status.st_size);
-      begin_ = ::mmap(nullptr, size_, PROT_READ, MAP_SHARED, file, 0);
-    }
-    const int reason = errno;
-    if (file >= 0) ::close(file);
-    if (begin_ == MAP_FAILED)
-      throw SetupError(ExitStatus::no_input,
-                       fmt::format("{} cannot be read: {}", path.string(),
-                                   file >= 0 && size_ == 0 ? "it is empty" : std::strerror(reason)));
-  }
-  ~MappedFile() { ::munmap(begin_, size_); }
-  MappedFile(const MappedFile&) = delete;
-  MappedFile& operator=(const MappedFile&) = delete;
-  ByteView bytes() const { return {begin_, size_}; }
-
- private:
-  void* begin_ = MAP_FAILED;
-  std::size_t size_ = 0;
-};
 
 class WindowFolder : public WindowSource {
  public:

@@ -11,7 +11,7 @@
 #include <filesystem>
 #include <memory>
 
-#include "train/batch.h"
+#include "train/window_source.h"
 
 namespace csipose::train {
 

@@ -1,0 +1,131 @@
+// A simulated set to a folder of windows: every number in its place, losses filled as in a stream, splits kept.
+#include "train/simulated_windows.h"
+
+#include <unistd.h>
+
+#include <cmath>
+
+#include "capture/sanitise.h"
+#include "proto/npy.h"
+#include "train/window_folder.h"
+
+namespace csipose::train {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr std::size_t kRows = 6;  // clips 0 0 0 1 1 2
+constexpr std::size_t kStream = kSubcarriers * kAntennas * 2;
+const std::vector<std::uint32_t> kClips = {0, 0, 0, 1, 1, 2};
+
+class SimulatedWindows : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::mt19937 random(7);
+    for (std::int8_t& number : csi_) number = static_cast<std::int8_t>(random() % 255);
+    for (std::size_t i = 0; i < labels_.size(); ++i) labels_[i] = static_cast<float>(i);
+    fs::create_directories(set());
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  fs::path set() const { return folder_ / "set"; }
+  void lose(std::size_t row, std::size_t t, std::size_t receiver) {
+    received_[(row * kSamples + t) * kReceivers + receiver] = 0;
+  }
+  void write() const {
+    write_npy<std::int8_t>(set() / "csi.npy", {kRows, kSamples, kReceivers, kSubcarriers, kAntennas, 2},
+                           csi_);
+    write_npy<std::uint8_t>(set() / "received.npy", {kRows, kSamples, kReceivers}, received_);
+    write_npy<std::uint32_t>(set() / "clip.npy", {kRows}, kClips);
+    write_npy<float>(set() / "labels.npy", {kRows, 3, kJoints, 3}, labels_);
+    std::ofstream(set() / "dataset.json")
+        << R"({"plan": {"made_by": {"rate_hz": "300"}, "splits": {"train": [[0, 0], [2, 2]], "val": []}}})";
+  }
+  std::string refusal(const std::string& split = "") const {
+    try {
+      convert_simulated({set(), folder_ / "out", split});
+    } catch (const SetupError& error) {
+      return error.what();
+    }
+    return "none";
+  }
+  StreamCsi csi(std::size_t row, std::size_t t, std::size_t receiver) const {
+    const std::int8_t* at = &csi_[((row * kSamples + t) * kReceivers + receiver) * kStream];
+    StreamCsi h;
+    for (std::size_t k = 0; k < kSubcarriers; ++k)
+      for (std::size_t a = 0; a < kAntennas; ++a) {
+        const std::int8_t* pair = at + (k * kAntennas + a) * 2;
+        h[a][k] = {static_cast<double>(pair[0]), static_cast<double>(pair[1])};
+      }
+    return h;
+  }
+  /// Receiver's column t of the window is what the snapshot tells.
+  static void expect_sample(const std::vector<float>& x, std::size_t t, std::size_t receiver,
+                            const StreamCsi& h) {
+    const StreamPhase phase = sanitise_joint(h);
+    for (std::size_t a = 0; a < kAntennas; ++a)
+      for (std::size_t k = 0; k < kSubcarriers; ++k) {
+        EXPECT_FLOAT_EQ(x[Window::index(k, t, 3 * receiver + a)], static_cast<float>(std::abs(h[a][k])));
+        EXPECT_FLOAT_EQ(x[Window::index(kSubcarriers + k, t, 3 * receiver + a)],
+                        static_cast<float>(phase[a][k]));
+      }
+  }
+  static std::vector<float> window(const WindowSource& source, std::size_t i) {
+    std::vector<float> x(kChannels * kTokens);
+    source.read(i, x);
+    return x;
+  }
+
+  fs::path folder_ = fs::temp_directory_path() / fmt::format("csipose-windows-{}", ::getpid());
+  std::vector<std::int8_t> csi_ = std::vector<std::int8_t>(kRows * kSamples * kReceivers * kStream);
+  std::vector<std::uint8_t> received_ = std::vector<std::uint8_t>(kRows * kSamples * kReceivers, 1);
+  std::vector<float> labels_ = std::vector<float>(kRows * 3 * kJoints * 3);
+};
+
+TEST_F(SimulatedWindows, EveryNumberInItsPlace) {
+  write();
+  EXPECT_EQ(convert_simulated({set(), folder_ / "out", ""}).windows, kRows);
+  const auto source = open_window_folder(folder_ / "out");
+  ASSERT_EQ(source->size(), kRows);
+  for (const std::size_t row : {0u, 4u})
+    for (std::size_t t = 0; t < kSamples; t += 19)
+      for (std::size_t r = 0; r < kReceivers; ++r) expect_sample(window(*source, row), t, r, csi(row, t, r));
+  EXPECT_EQ(source->clip(4), 1u);
+  ASSERT_EQ(source->people(4).size(), 3u);
+  EXPECT_EQ(source->people(4)[1][2].y, 4 * 126 + 42 + 7);
+}
+
+TEST_F(SimulatedWindows, FillsFromTheRowBeforeButNotFromAnotherClip) {
+  lose(1, 0, 2), lose(1, 1, 2);                 // filled from the last snapshot of row 0
+  lose(3, 0, 2);                                // nothing before it in its clip
+  lose(4, 5, 0), lose(4, 6, 0), lose(4, 7, 0);  // longer than the daemon fills
+  write();
+  const Converted converted = convert_simulated({set(), folder_ / "out", ""});
+  EXPECT_EQ(converted.windows, 4u);
+  EXPECT_EQ(converted.incomplete, 2u);
+  const auto source = open_window_folder(folder_ / "out");
+  expect_sample(window(*source, 1), 0, 2, csi(0, 19, 2));
+  expect_sample(window(*source, 1), 1, 2, csi(0, 19, 2));
+  expect_sample(window(*source, 1), 2, 2, csi(1, 2, 2));
+  EXPECT_EQ(source->clip(3), 2u);
+  EXPECT_EQ(source->people(3)[0][0].x, 5 * 126);
+}
+
+TEST_F(SimulatedWindows, KeepsToASplit) {
+  write();
+  EXPECT_EQ(convert_simulated({set(), folder_ / "out", "train"}).windows, 4u);
+  EXPECT_EQ(open_window_folder(folder_ / "out")->clip(3), 2u);
+  EXPECT_NE(refusal().find("holds windows already"), std::string::npos);
+}
+
+TEST_F(SimulatedWindows, SaysWhatIsWrongAndLeavesNoSet) {
+  EXPECT_NE(refusal().find("dataset.json cannot be read"), std::string::npos);
+  write();
+  EXPECT_NE(refusal("tset").find("has no split \"tset\""), std::string::npos);
+  EXPECT_NE(refusal("val").find("no complete window in split val"), std::string::npos);
+  fs::resize_file(set() / "csi.npy", fs::file_size(set() / "csi.npy") - 1);
+  EXPECT_NE(refusal().find("csi.npy"), std::string::npos);
+  EXPECT_FALSE(fs::exists(folder_ / "out" / "windows.npy"));
+}
+
+}  // namespace
+}  // namespace csipose::train

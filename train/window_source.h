@@ -1,0 +1,26 @@
+// train/window_source.h - what training and evaluation ask of a data set: windows, their people, their clips.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "proto/pose.h"
+
+namespace csipose::train {
+
+/// What training asks of a data set. Reading is safe from several threads.
+class WindowSource {
+ public:
+  virtual ~WindowSource() = default;
+  virtual std::size_t size() const = 0;
+  virtual std::string name() const = 0;
+  /// Writes window i as Window::x, [60][20][9], not normalised.
+  virtual void read(std::size_t i, std::span<float> x) const = 0;
+  /// Its people in the label frame; empty for a set without labels too.
+  virtual std::span<const Skeleton> people(std::size_t i) const = 0;
+  /// Windows of a clip are much alike: they are held out together.
+  virtual std::uint64_t clip(std::size_t i) const = 0;
+};
+
+}  // namespace csipose::train
