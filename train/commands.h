@@ -8,6 +8,7 @@ class App;
 namespace csipose::train {
 void add_dataset(CLI::App& app);
 void add_defaults(CLI::App& app);
+void add_eval(CLI::App& app);
 void add_experiment(CLI::App& app);
 void add_finetune(CLI::App& app);
 void add_pretrain(CLI::App& app);

@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
   csipose::train::add_dataset(app);
   csipose::train::add_pretrain(app);
   csipose::train::add_finetune(app);
+  csipose::train::add_eval(app);
   csipose::train::add_experiment(app);
   csipose::train::add_defaults(app);
   try {

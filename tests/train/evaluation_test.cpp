@@ -1,0 +1,103 @@
+// What ships is what is measured: the engine's own answers as labels give no error, and the trivial answers have closed forms.
+#include "train/evaluation.h"
+
+#include "model/config.h"
+#include "proto/npy.h"
+
+namespace csipose::train {
+namespace {
+
+constexpr std::size_t kPose = 3 * kJoints;
+
+/// Windows in memory.
+class MadeUp : public WindowSource {
+ public:
+  explicit MadeUp(std::vector<std::vector<Skeleton>> people, std::vector<std::uint64_t> clips)
+      : people_(std::move(people)), clips_(std::move(clips)) {}
+  std::size_t size() const override { return people_.size(); }
+  std::string name() const override { return "made-up"; }
+  void read(std::size_t i, std::span<float> x) const override {
+    std::mt19937 random(static_cast<unsigned>(i));
+    std::uniform_real_distribution<float> numbers(-1, 1);
+    for (float& number : x) number = numbers(random);
+  }
+  std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }
+  std::uint64_t clip(std::size_t i) const override { return clips_[i]; }
+
+  std::vector<std::vector<Skeleton>> people_;
+
+ private:
+  std::vector<std::uint64_t> clips_;
+};
+
+Skeleton standing(float x, float y) {
+  Skeleton pose;
+  for (std::size_t j = 0; j < kJoints; ++j) pose[j] = {x, y, 0.1f * static_cast<float>(j)};
+  return pose;
+}
+EvaluationSet set_of(const std::shared_ptr<MadeUp>& windows, std::vector<std::uint8_t> rooms) {
+  return {windows, std::move(rooms)};
+}
+const Metrics& piw3d(const std::vector<NamedMetrics>& rows, const std::string& name) {
+  for (const NamedMetrics& row : rows)
+    if (row.name == name) return row.metrics.piw3d;
+  throw std::runtime_error("no row " + name);
+}
+
+TEST(EvaluateModel, ItsOwnAnswersAreRight) {
+  const auto model = init_random(preset_config("micro"), 3, HeadInit::random);
+  const auto engine = make_reference_engine(model);
+  auto windows =
+      std::make_shared<MadeUp>(std::vector<std::vector<Skeleton>>(3), std::vector<std::uint64_t>{0, 0, 1});
+  std::vector<float> x(kChannels * kTokens);
+  for (std::size_t i = 0; i < 3; ++i) {
+    windows->read(i, x);
+    const NetworkOutput output = engine->run(x, LinkSet().set());
+    Skeleton& person = windows->people_[i].emplace_back();
+    for (std::size_t j = 0; j < kJoints; ++j) {
+      const float* xyz_m = &output.poses[2 * kPose + 3 * j];  // the third query's
+      person[j] = {xyz_m[0] + 0.03f, xyz_m[1], xyz_m[2]};
+    }
+  }
+  const EvaluationSet set = set_of(windows, {0, 0, 0});
+  const Metrics whole = evaluate_model(*engine, *model, set, LinkSet().set()).piw3d;
+  EXPECT_LE(whole.all().frame_mean.mpjpe, 30 + 1e-3);
+  EXPECT_GT(whole.all().frame_mean.mpjpe, 0);
+  EXPECT_EQ(whole.all().frames, 3u);
+  const Metrics one_lost = evaluate_model(*engine, *model, set, LinkSet(0b000111111)).piw3d;
+  EXPECT_NE(one_lost.all().frame_mean.mpjpe, whole.all().frame_mean.mpjpe);
+}
+
+TEST(EvaluateModel, DetectGivesWhatPassesTheThreshold) {
+  const auto model = init_random(preset_config("micro"), 3, HeadInit::zero);  // every score is 1 %
+  const auto engine = make_reference_engine(model);
+  const auto windows = std::make_shared<MadeUp>(std::vector<std::vector<Skeleton>>{{standing(1, 1)}, {}},
+                                                std::vector<std::uint64_t>{0, 0});
+  const GroupMetrics detect =
+      evaluate_model(*engine, *model, set_of(windows, {0, 0}), LinkSet().set()).detect.all();
+  EXPECT_EQ(detect.predicted, 0u);
+  EXPECT_EQ(detect.count_accuracy(), 0.5);
+  EXPECT_EQ(detect.penalised_500, 500);
+}
+
+TEST(EvaluateTrivial, ClosedForms) {
+  const auto training = std::make_shared<MadeUp>(
+      std::vector<std::vector<Skeleton>>{{standing(0, 0)}, {standing(2, 0)}, {standing(5, 0)}},
+      std::vector<std::uint64_t>{0, 0, 1});
+  const auto windows = std::make_shared<MadeUp>(
+      std::vector<std::vector<Skeleton>>{{standing(1, 0.3f)}, {standing(1, 0.5f)}, {standing(5, 0.1f)}},
+      std::vector<std::uint64_t>{7, 7, 8});
+  const auto rows =
+      evaluate_trivial(set_of(training, {0, 0, 1}), set_of(windows, {0, 0, 1}), kIdentityTransform);
+  EXPECT_NEAR(piw3d(rows, "mean_at_root").all().frame_mean.mpjpe, 0, 1e-3);
+  EXPECT_NEAR(piw3d(rows, "mean_at_room").all().frame_mean.mpjpe, (300 + 500 + 100) / 3., 1e-3);
+  const double far =
+      1000. * (std::hypot(4 / 3., 0.3) + std::hypot(4 / 3., 0.5) + std::hypot(8 / 3., 0.1)) / 3;
+  EXPECT_NEAR(piw3d(rows, "mean_pose").all().frame_mean.mpjpe, far, 1e-2);
+  const GroupMetrics last = piw3d(rows, "last_pose").all();
+  EXPECT_NEAR(last.frame_mean.mpjpe, 200, 1e-3);
+  EXPECT_EQ(last.frames_unmatched, 2u) << "first windows of clips have no window before them";
+}
+
+}  // namespace
+}  // namespace csipose::train

@@ -1,0 +1,168 @@
+#include "train/evaluation.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+
+#include "model/postprocess.h"
+#include "proto/npy.h"
+#include "proto/result.h"
+#include "train/window_folder.h"
+
+namespace csipose::train {
+namespace {
+
+constexpr float kMinRawScore = 0.3f;
+constexpr float kNmsDistance_m = 0.25f;
+
+Point3 plus(const Point3& a, const Point3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+Point3 times(const Point3& a, float factor) { return {a.x * factor, a.y * factor, a.z * factor}; }
+Skeleton moved(Skeleton pose, const Point3& by) {
+  for (Point3& joint : pose) joint = plus(joint, by);
+  return pose;
+}
+Point3 root_of(const Skeleton& pose) { return times(plus(pose[kLeftHip], pose[kRightHip]), 0.5f); }
+
+Skeleton in_room(const RoomTransform& model_to_room, const float* xyz_m) {
+  Skeleton pose;
+  for (std::size_t j = 0; j < kJoints; ++j) pose[j] = to_room(model_to_room, xyz_m + 3 * j);
+  return pose;
+}
+std::vector<Skeleton> in_room(const RoomTransform& model_to_room, std::span<const Skeleton> people) {
+  std::vector<Skeleton> result;
+  for (const Skeleton& person : people) {
+    Skeleton& pose = result.emplace_back();
+    for (std::size_t j = 0; j < kJoints; ++j) {
+      const std::array<float, 3> xyz_m = {person[j].x, person[j].y, person[j].z};
+      pose[j] = to_room(model_to_room, xyz_m.data());
+    }
+  }
+  return result;
+}
+
+/// The threshold on the raw score as a threshold on the score that select_people() compares.
+float threshold(const Calibration& calibration) {
+  return person_score(std::log(kMinRawScore / (1 - kMinRawScore)), calibration);
+}
+
+/// A mean of poses.
+class MeanPose {
+ public:
+  void add(const Skeleton& pose) {
+    for (std::size_t j = 0; j < kJoints; ++j) {
+      sum_[3 * j] += static_cast<double>(pose[j].x);
+      sum_[3 * j + 1] += static_cast<double>(pose[j].y);
+      sum_[3 * j + 2] += static_cast<double>(pose[j].z);
+    }
+    ++count_;
+  }
+  Skeleton mean() const {
+    Skeleton pose;
+    const auto coordinate = [this](std::size_t i) {
+      return static_cast<float>(sum_[i] / static_cast<double>(count_));
+    };
+    for (std::size_t j = 0; j < kJoints; ++j)
+      pose[j] = {coordinate(3 * j), coordinate(3 * j + 1), coordinate(3 * j + 2)};
+    return pose;
+  }
+
+ private:
+  std::array<double, 3 * kJoints> sum_{};
+  std::size_t count_ = 0;
+};
+
+struct TrainingMeans {
+  Skeleton absolute, about_root;
+  std::map<std::uint8_t, Point3> root_of_room;
+};
+
+TrainingMeans means_of(const EvaluationSet& training, const RoomTransform& model_to_room) {
+  MeanPose absolute, about_root;
+  std::map<std::uint8_t, MeanPose> of_room;
+  for (std::size_t i = 0; i < training.windows->size(); ++i)
+    for (const Skeleton& pose : in_room(model_to_room, training.windows->people(i))) {
+      absolute.add(pose);
+      about_root.add(moved(pose, times(root_of(pose), -1)));
+      of_room[training.rooms[i]].add(pose);
+    }
+  TrainingMeans means{absolute.mean(), about_root.mean(), {}};
+  for (const auto& [room, mean] : of_room) means.root_of_room[room] = root_of(mean.mean());
+  return means;
+}
+
+void add(BothProtocols& metrics, std::span<const Skeleton> predicted, std::span<const Skeleton> people) {
+  metrics.piw3d.add(predicted, people);
+  metrics.detect.add(predicted, people);
+}
+
+}  // namespace
+
+EvaluationSet open_evaluation_set(const std::filesystem::path& folder) {
+  EvaluationSet set{open_window_folder(folder), {}};
+  bool labelled = false;
+  for (std::size_t i = 0; i < set.windows->size() && !labelled; ++i)
+    labelled = !set.windows->people(i).empty();
+  if (!labelled)
+    throw SetupError(ExitStatus::bad_data,
+                     fmt::format("{} has no labelled people; evaluation needs labels.npy", folder.string()));
+  set.rooms.assign(set.windows->size(), 0);
+  const std::filesystem::path rooms = folder / "room.npy";
+  if (!std::filesystem::exists(rooms)) return set;
+  NpyArray<std::uint8_t> array = read_npy<std::uint8_t>(rooms);
+  if (array.shape != NpyShape{set.windows->size()})
+    throw SetupError(ExitStatus::bad_data,
+                     fmt::format("{}: has not one number for each window", rooms.string()));
+  set.rooms = std::move(array.data);
+  return set;
+}
+
+BothProtocols evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+                             const std::function<void(std::size_t)>& progress) {
+  const Selection selection{kMaxPeople, threshold(model.calibration()), kNmsDistance_m};
+  BothProtocols metrics;
+  std::vector<float> x(kChannels * kTokens);
+  std::array<Person, kMaxPeople> selected;
+  for (std::size_t i = 0; i < set.windows->size(); ++i) {
+    set.windows->read(i, x);
+    const NetworkOutput output = engine.run(x, links);
+    const std::vector<Skeleton> people = in_room(model.model_to_room(), set.windows->people(i));
+    std::vector<Skeleton> all, found;
+    for (std::size_t q = 0; q < output.logits.size(); ++q)
+      all.push_back(in_room(model.model_to_room(), output.poses.data() + q * 3 * kJoints));
+    const Selected answer = select_people(output, model, selection, selected);
+    if (answer.not_finite)
+      throw SetupError(ExitStatus::bad_data,
+                       fmt::format("{}: window {} gives numbers that are not finite", model.file_name(), i));
+    for (std::size_t p = 0; p < answer.count; ++p) found.push_back(selected[p].joints);
+    metrics.piw3d.add(all, people);
+    metrics.detect.add(found, people);
+    if (progress) progress(i + 1);
+  }
+  return metrics;
+}
+
+std::vector<NamedMetrics> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
+                                           const RoomTransform& model_to_room) {
+  const TrainingMeans means = means_of(training, model_to_room);
+  std::vector<NamedMetrics> named = {
+      {"mean_pose", {}}, {"mean_at_room", {}}, {"mean_at_root", {}}, {"last_pose", {}}};
+  std::vector<Skeleton> last;
+  for (std::size_t i = 0; i < set.windows->size(); ++i) {
+    const std::vector<Skeleton> people = in_room(model_to_room, set.windows->people(i));
+    const auto room = means.root_of_room.find(set.rooms[i]);
+    const Skeleton at_room =
+        room == means.root_of_room.end() ? means.absolute : moved(means.about_root, room->second);
+    std::vector<Skeleton> at_roots;
+    for (const Skeleton& person : people) at_roots.push_back(moved(means.about_root, root_of(person)));
+    if (i == 0 || set.windows->clip(i) != set.windows->clip(i - 1)) last.clear();
+    add(named[0].metrics, std::vector<Skeleton>(people.size(), means.absolute), people);
+    add(named[1].metrics, std::vector<Skeleton>(people.size(), at_room), people);
+    add(named[2].metrics, at_roots, people);
+    add(named[3].metrics, last, people);
+    last = people;
+  }
+  return named;
+}
+
+}  // namespace csipose::train

@@ -1,0 +1,52 @@
+// train/evaluation.h - a model's answers to labelled windows by the daemon's engine, beside what no model at all
+// would reach.
+//
+//   piw3d    all queries of the network (model/metrics.h)
+//   detect   those that model/postprocess.h gives: raw score at least 0.30, pose-NMS 0.25 m, at most 10
+//
+// Everything is compared in the room frame, where the daemon's answers are: turning or mirroring both sides
+// keeps every distance. The trivial answers know how many people there are, and some where:
+//   mean_pose       mean pose of the training set, where it was on average
+//   mean_at_room    mean pose about its root, placed at the mean root of the training people of that room
+//   mean_at_root    mean pose about its root, placed at each person's true root
+//   last_pose       the labels of the window before in the same clip; nobody in a clip's first window
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "model/engine.h"
+#include "model/metrics.h"
+#include "model/model.h"
+#include "train/window_source.h"
+
+namespace csipose::train {
+
+/// Windows with their rooms: room.npy beside the windows, or one room for all.
+struct EvaluationSet {
+  std::shared_ptr<const WindowSource> windows;
+  std::vector<std::uint8_t> rooms;
+};
+/// Throws SetupError as open_window_folder() does, and where no window has a label.
+EvaluationSet open_evaluation_set(const std::filesystem::path& folder);
+
+struct BothProtocols {
+  Metrics piw3d{Protocol::piw3d}, detect{Protocol::detect};
+};
+
+/// The model's answers with only `links` encoded. `progress` is told the windows done.
+BothProtocols evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+                             const std::function<void(std::size_t)>& progress = {});
+
+struct NamedMetrics {
+  std::string name;
+  BothProtocols metrics;
+};
+/// The four trivial answers to `set`, with means from `training`.
+std::vector<NamedMetrics> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
+                                           const RoomTransform& model_to_room);
+
+}  // namespace csipose::train
