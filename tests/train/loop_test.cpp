@@ -7,10 +7,12 @@
 
 #include "model/engine.h"
 #include "model/model.h"
+#include "proto/npy.h"
 #include "proto/result.h"
 #include "tests/train/made_up_set.h"
 #include "train/finetune.h"
 #include "train/pretrain.h"
+#include "train/window_folder.h"
 
 namespace csipose::train {
 namespace {
@@ -156,6 +158,60 @@ TEST_F(Runs, OverfittingReachesTenMillimetres) {
   const Poses ours = infer(weights.parameters, weights.config, pool.tokens(one), {}, Numerics{});
   for (std::int64_t i = 0; i < ours.joints.numel(); ++i)
     ASSERT_NEAR(ours.joints.flatten()[i].item<float>(), theirs.poses[static_cast<std::size_t>(i)], 1e-4);
+}
+
+// ---- folders of windows ----
+
+class WindowFolders : public Runs {
+ protected:
+  WindowFolders() {
+    fs::create_directories(folder_);
+    std::vector<float> windows(2 * kChannels * kTokens, 0.5f), labels(2 * 2 * 3 * kJoints, kUnknown);
+    std::fill_n(labels.begin(), 3 * kJoints, 1.f);
+    const std::array<std::uint32_t, 2> clips = {7, 8};
+    write_npy<float>(folder_ / "windows.npy", {2, kChannels, kSamples, kLinks}, windows);
+    write_npy<float>(folder_ / "labels.npy", {2, 2, kJoints, 3}, labels);
+    write_npy<std::uint32_t>(folder_ / "clip.npy", {2}, clips);
+  }
+  void expect_refusal(const char* file) const {
+    try {
+      open_window_folder(folder_);
+      ADD_FAILURE() << "taken";
+    } catch (const SetupError& error) {
+      EXPECT_NE(std::string(error.what()).find(file), std::string::npos) << error.what();
+    }
+  }
+};
+
+TEST_F(WindowFolders, GiveWindowsPeopleAndClips) {
+  const auto set = open_window_folder(folder_);
+  ASSERT_EQ(set->size(), 2u);
+  EXPECT_EQ(set->people(0).size(), 1u);
+  EXPECT_EQ(set->people(1).size(), 0u);
+  EXPECT_EQ(set->clip(1), 8u);
+  std::vector<float> x(kChannels * kTokens);
+  set->read(1, x);
+  EXPECT_EQ(x.back(), 0.5f);
+}
+
+TEST_F(WindowFolders, OfOtherShapesAreRefusedByName) {
+  const std::array<std::uint32_t, 1> one = {7};
+  write_npy<std::uint32_t>(folder_ / "clip.npy", {1}, one);
+  expect_refusal("clip.npy");
+  const std::vector<float> flat(20 * 9);
+  write_npy<float>(folder_ / "windows.npy", {1, 1, 20, 9}, flat);
+  expect_refusal("windows.npy");
+  fs::resize_file(folder_ / "windows.npy", 40);
+  expect_refusal("windows.npy");
+  fs::remove(folder_ / "windows.npy");
+  expect_refusal("windows.npy");
+}
+
+TEST_F(WindowFolders, WithHalfAPersonAreRefused) {
+  std::vector<float> labels(2 * 3 * kJoints, kUnknown);
+  labels[4] = 1;
+  write_npy<float>(folder_ / "labels.npy", {2, 1, kJoints, 3}, labels);
+  expect_refusal("labels.npy");
 }
 
 // ---- two processes ----
