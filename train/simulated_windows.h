@@ -24,7 +24,7 @@ struct Converted {
 
 /// Writes windows.npy, clip.npy, and labels.npy and room.npy where the set has them. windows.npy comes last:
 /// without it the folder is no data set. Reads int8 (csi.npy) and complex64 (h.npy) sets.
-///   cost    some 0.3 ms a window, one thread; memory for one window, the labels and the clip numbers
+///   cost    some 0.2 ms a window, one thread; memory for one window, the labels and the clip numbers
 ///   throws  SetupError: a set that is not there, not whole or of another kind, an unknown split, a target
 ///           that holds windows already
 Converted convert_simulated(const ConvertJob& job);
