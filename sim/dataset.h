@@ -40,6 +40,13 @@ struct DatasetPlan {
 /// A clip's rows, array by array, in the plan's order.
 using ClipRows = std::vector<std::vector<std::uint8_t>>;
 
+/// Adds numbers to a row, as they lie in memory.
+template <class Number>
+void append(std::vector<std::uint8_t>& row, const Number* values, std::size_t count) {
+  const auto* bytes = reinterpret_cast<const std::uint8_t*>(values);
+  row.insert(row.end(), bytes, bytes + count * sizeof(Number));
+}
+
 /// Whole clips: one in twenty for validation, one for test.
 std::map<std::string, std::vector<std::uint32_t>> usual_splits(std::uint32_t clips);
 

@@ -6,12 +6,6 @@
 namespace csipose::sim {
 namespace {
 
-template <class Number>
-void append(std::vector<std::uint8_t>& row, const Number* values, std::size_t count) {
-  const auto* bytes = reinterpret_cast<const std::uint8_t*>(values);
-  row.insert(row.end(), bytes, bytes + count * sizeof(Number));
-}
-
 /// [subcarrier][antenna][re, im] of a record's first stream.
 std::array<std::int8_t, kSubcarriers * kAntennas * 2> matrix_of(const CsiRecord& record) {
   std::array<std::int8_t, kSubcarriers * kAntennas * 2> matrix;

@@ -7,12 +7,6 @@
 namespace csipose::sim {
 namespace {
 
-template <class Number>
-void append(std::vector<std::uint8_t>& row, const Number* values, std::size_t count) {
-  const auto* bytes = reinterpret_cast<const std::uint8_t*>(values);
-  row.insert(row.end(), bytes, bytes + count * sizeof(Number));
-}
-
 std::array<float, kMostPeople * kJoints * 3> label_row(const std::vector<Joints>& people) {
   std::array<float, kMostPeople * kJoints * 3> row;
   row.fill(std::numeric_limits<float>::quiet_NaN());
