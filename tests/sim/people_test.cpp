@@ -13,7 +13,6 @@
 namespace csipose::sim {
 namespace {
 constexpr double kSeconds = 6.0;
-constexpr double kFloor_m = -1e-9;
 
 std::uint32_t clips() {
   const char* asked = std::getenv("CSIPOSE_CLIPS");
