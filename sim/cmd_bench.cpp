@@ -20,7 +20,7 @@ constexpr double kRate_hz = 300;
 constexpr std::uint64_t kSeed = 1;
 
 struct BenchOptions {
-  std::uint32_t clips = 4, frames = 20;
+  std::uint32_t clips = 4, frames = 40;
   unsigned rounds = 3;
   std::vector<unsigned> threads{1, std::max(1u, std::thread::hardware_concurrency())};
 };
@@ -31,6 +31,7 @@ struct Workload {
   std::function<std::unique_ptr<MovingScene>(std::uint32_t clip)> scene;
   std::vector<ArrayPlan> arrays;
   std::function<ClipRows(std::uint32_t clip, std::uint32_t frames)> rows;
+  const FastSolver* solver = nullptr;  ///< where all clips have one room
 };
 
 Workload flying_solids() {
@@ -45,15 +46,17 @@ Workload flying_solids() {
 
 Workload three_people() {
   static const HumanSpec spec{read_room_plan("office"), 3, {Action::walk, Action::wave, Action::bend}, false};
+  static const FastSolver solver(spec.room.still);
   return {"three people",
           [](std::uint32_t clip) -> std::unique_ptr<MovingScene> {
             return std::make_unique<HumanScene>(spec, kSeed, clip, kRate_hz);
           },
           human_arrays(Storage::records),
           [](std::uint32_t clip, std::uint32_t frames) {
-            return make_human_clip({spec, clip, frames, 0}, Storage::records,
+            return make_human_clip({spec, clip, frames, 0, &solver}, Storage::records,
                                    impairments(ImpairmentLevel::intel5300), kSeed, kRate_hz);
-          }};
+          },
+          &solver};
 }
 
 template <class Work>
@@ -106,7 +109,7 @@ void run_scenes(const Workload& work, const BenchOptions& options, bool solve) {
   for (std::uint32_t clip = 0; clip < options.clips; ++clip) {
     const auto scene = work.scene(clip);
     if (solve) {
-      SceneBatch batch(scene->still());
+      SceneBatch batch(work.solver ? *work.solver : FastSolver(scene->still()));
       for (std::uint32_t frame = 0; frame < options.frames; ++frame) batch.advance(*scene);
     } else {
       for (std::uint32_t i = 0; i < options.frames * kSamples; ++i) scene->next(snapshot);

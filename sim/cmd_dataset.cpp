@@ -139,14 +139,18 @@ void make_human_dataset(const HumanOptions& options) {
   plan.made_by["actions"] = fmt::format("{}", fmt::join(options.who.actions, ","));
   plan.made_by["chairs"] = options.who.chairs ? "yes" : "no";
   plan.made_by["devices"] = random && options.who.opposite ? "opposite" : "as the room says";
+  // Clutter is drawn for each clip: then no room serves two.
+  const bool same_room = !random && !options.ways.clutter;
+  set_ways(fixed.room.still, options.ways, options.seed, 0);
+  const auto solver = same_room ? std::make_unique<FastSolver>(fixed.room.still) : nullptr;
   const Impairments on = options.radio.impairments();
   make_dataset(plan, options.threads, [&](std::uint32_t number) {
-    HumanClip clip{fixed, number, options.frames, 0};
+    HumanClip clip{fixed, number, options.frames, 0, solver.get()};
     if (random) clip.spec.room = draw_room(options.seed, number, options.who.opposite);
     clip.spec.people = draw_people(options, number);
     clip.spec.allowed = options.who.allowed();
     clip.spec.chairs = options.who.chairs;
-    set_ways(clip.spec.room.still, options.ways, options.seed, number);
+    if (!same_room) set_ways(clip.spec.room.still, options.ways, options.seed, number);
     return make_human_clip(clip, options.storage(), on, options.seed, options.rate_hz);
   });
 }
@@ -160,12 +164,19 @@ void make_simpiw(const SimPiwOptions& options) {
   }
   plan.made_by = made_by(options.small ? "simpiw-small" : "simpiw", options);
   std::vector<RoomPlan> rooms;
-  for (const char* name : kSimPiwRooms) rooms.push_back(read_room_plan(name));
+  std::vector<FastSolver> solvers;
+  for (const char* name : kSimPiwRooms) {
+    rooms.push_back(read_room_plan(name));
+    solvers.emplace_back(rooms.back().still);
+  }
   const Impairments on = options.radio.impairments();
   make_dataset(plan, options.threads, [&](std::uint32_t number) {
     const SimPiwClip& it = clips[number];
-    const HumanClip clip{
-        {rooms[it.room], it.people, PeopleOptions{}.allowed(), false}, number, it.frames, it.room};
+    const HumanClip clip{{rooms[it.room], it.people, PeopleOptions{}.allowed(), false},
+                         number,
+                         it.frames,
+                         it.room,
+                         &solvers[it.room]};
     return make_human_clip(clip, options.storage(), on, options.seed, options.rate_hz);
   });
 }

@@ -17,6 +17,9 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr std::size_t kTonesPerSum = 32;
 constexpr std::size_t kShadowsEvery = 2, kBodyPathsEvery = 4;  // snapshots; the others are interpolated
+// Paths by bodies, as parts of the still channel's rms: below the first their shadows are left out, below the second they are
+// asked for at every other key. Most are that weak; all of the former together are 0.2 % of the rms.
+constexpr double kFaint = 5e-4, kWeak = 8e-3;
 constexpr float kNewtonFound =
     1e-4f;  // |T^T g| above this: three updates did not find it, the reference solver must
 constexpr float kFarAway_m = 1e6;  // padding of columns: near nothing
@@ -100,6 +103,8 @@ struct BodyPath {
   double length_m, bend_m;  ///< to the array's middle; radius of the wave front there
   Vec3 last;                ///< unit, direction of arrival
   Vec3 slope;               ///< of the length over the body's place
+  std::complex<double> shadow = 1;
+  bool shadow_known = true;  ///< else that of its neighbours in time serves
 };
 /// One that waits for its shadows.
 struct Pending {
@@ -165,6 +170,7 @@ class FastSolver::Impl {
   void compute_shadows(Snapshots bodies, const KeySnapshots& keys);
   void apply_shadows(std::size_t snapshots, const KeySnapshots& keys);
   void find_body_paths(Snapshots bodies, const KeySnapshots& keys, std::size_t key);
+  void fill_in_shadows(std::size_t keys);
   void add_body_paths(Snapshots bodies, const KeySnapshots& keys);
   BodyPath between_keys(Snapshots bodies, const KeySnapshots& keys, std::size_t slot, std::size_t t) const;
   void reflect_on_ellipsoids(const std::vector<Body>& bodies, const std::vector<EllipsoidTask>& tasks);
@@ -185,6 +191,7 @@ class FastSolver::Impl {
   LegTable legs_;
   std::vector<ToneSum> rows_;  ///< [static path][block]; antenna by antenna
   std::vector<std::size_t> antenna_of_row_;
+  std::vector<double> still_rms_;    ///< [receiver]
   std::vector<ToneSum> static_sum_;  ///< [antenna][block]
   std::vector<BodyRow> furniture_rows_;
   std::vector<FresnelTable> wall_tables_;
@@ -197,6 +204,7 @@ class FastSolver::Impl {
   std::vector<std::uint32_t> near_;
   std::vector<FastOptics::Job> jobs_;
   std::vector<Reflection> found_;
+  std::size_t key_ = 0;  ///< being solved
 
   PathSlots slots_;
   std::vector<std::optional<BodyPath>> paths_;  ///< [slot][key]
@@ -248,6 +256,15 @@ FastSolver::Impl::Impl(const Scene& scene, const FastKernels& kernels)
     for (const Path& path : paths) add_static_row(a, path, !path.diffuse && power_of(path) >= weakest);
   }
   legs_.pad();
+  for (std::size_t r = 0; r < middles_.size(); ++r) {
+    double power = 0;
+    for (std::size_t a = r * per_receiver_; a < (r + 1) * per_receiver_; ++a)
+      for (std::size_t k = 0; k < scene.tones.size(); ++k) {
+        const ToneSum& sum = static_sum_[a * blocks_ + k / kTonesPerSum];
+        power += std::norm(std::complex<double>(sum.re[k % kTonesPerSum], sum.im[k % kTonesPerSum]));
+      }
+    still_rms_.push_back(std::sqrt(power / static_cast<double>(per_receiver_ * scene.tones.size())));
+  }
 }
 
 /// Walls and furniture alone: F, their shadows on each other, stays as it is. Where what moves never `shadows` it, it is part
@@ -290,6 +307,7 @@ void FastSolver::Impl::solve(Snapshots bodies, std::span<std::complex<float>> ou
   slots_.assign(bodies[0], middles_.size() * pairs_.size());
   paths_.assign(slots_.count() * path_keys.keys().size(), std::nullopt);
   for (std::size_t key = 0; key < path_keys.keys().size(); ++key) find_body_paths(bodies, path_keys, key);
+  fill_in_shadows(path_keys.keys().size());
   add_body_paths(bodies, path_keys);
   write(bodies.size(), out);
 }
@@ -345,6 +363,7 @@ void FastSolver::Impl::find_body_paths(Snapshots snapshots, const KeySnapshots& 
   body_rows_.clear();
   for (const Body& body : bodies) body_rows_.push_back(body_row(body));
   body_rows_.insert(body_rows_.end(), furniture_rows_.begin(), furniture_rows_.end());
+  key_ = key;
   body_table_.assign(body_rows_);
   pending_.clear();
   optics_.begin_shadows(slots_.count());
@@ -364,6 +383,23 @@ void FastSolver::Impl::find_body_paths(Snapshots snapshots, const KeySnapshots& 
       }
   reflect_on_ellipsoids(bodies, ellipsoids);
   finish_pending(keys.keys().size(), key);
+}
+
+/// What was not asked for is the mean of what was just before and after; where there is neither, nothing dims the path.
+void FastSolver::Impl::fill_in_shadows(std::size_t keys) {
+  for (std::size_t i = 0; i < paths_.size(); ++i) {
+    if (!paths_[i] || paths_[i]->shadow_known) continue;
+    std::complex<double> sum = 0;
+    int known = 0;
+    const auto take = [&](std::size_t neighbour) {
+      if (!paths_[neighbour] || !paths_[neighbour]->shadow_known) return;
+      sum += paths_[neighbour]->shadow;
+      ++known;
+    };
+    if (i % keys > 0) take(i - 1);
+    if (i % keys + 1 < keys) take(i + 1);
+    if (known > 0) paths_[i]->shadow = sum / static_cast<double>(known);
+  }
 }
 
 /// Amplitude and length change smoothly, and are interpolated between keys. The length follows each key's body to where it
@@ -388,7 +424,7 @@ BodyPath FastSolver::Impl::between_keys(Snapshots bodies, const KeySnapshots& ke
     const BodyPath& known = *at_keys[key];
     const double weight = blend.weight[i];
     const Vec3 moved = bodies[t][body].centre - bodies[keys.keys()[key]][body].centre;
-    if (there) path.amplitude += weight * known.amplitude;
+    if (there) path.amplitude += weight * known.amplitude * known.shadow;
     path.length_m += weight * (known.length_m + glm::dot(known.slope, moved));
     path.bend_m += weight * known.bend_m;
     path.last += weight * known.last;
@@ -452,20 +488,24 @@ void FastSolver::Impl::add_reflection(const std::vector<Body>& bodies, const Ref
         return i == way.body_bounce ? surface.at(cosine) : wall_tables_[way.wall_of(i)].at(cosine);
       });
   const std::size_t slot = slots_.slot(task.receiver * pairs_.size() + task.pair, task.body, r.face);
-  for (std::size_t i = 0; i < way.legs; ++i)
-    if (const Leg leg = way.leg(i, r); !leg.is_point())
-      optics_.add_shadows(leg_row(leg), body_table_, way.touches_body(i) ? static_cast<int>(task.body) : -1,
-                          static_cast<std::uint32_t>(slot));
   const Vec3 slope = glm::normalize(r.point - task.source) + glm::normalize(r.point - task.sink);
-  pending_.push_back({{lambda_m_ / (4 * kPi) * r.spreading * gain, r.s1_m + r.s2_m, r.caustic_m + r.s2_m,
-                       glm::normalize(rx.position - way.points[way.legs - 1]), slope},
-                      slot});
+  BodyPath path{lambda_m_ / (4 * kPi) * r.spreading * gain, r.s1_m + r.s2_m, r.caustic_m + r.s2_m,
+                glm::normalize(rx.position - way.points[way.legs - 1]), slope};
+  const double strength = std::abs(path.amplitude) / still_rms_[task.receiver];
+  const bool faint = strength < kFaint;
+  path.shadow_known = faint || strength >= kWeak || key_ % 2 == 0;
+  if (path.shadow_known && !faint)
+    for (std::size_t i = 0; i < way.legs; ++i)
+      if (const Leg leg = way.leg(i, r); !leg.is_point())
+        optics_.add_shadows(leg_row(leg), body_table_, way.touches_body(i) ? static_cast<int>(task.body) : -1,
+                            static_cast<std::uint32_t>(slot));
+  pending_.push_back({path, slot});
 }
 
 void FastSolver::Impl::finish_pending(std::size_t keys, std::size_t key) {
   const auto factors = optics_.take_shadows();
   for (Pending& pending : pending_) {
-    pending.path.amplitude *= std::complex<double>(factors[pending.slot]);
+    pending.path.shadow = std::complex<double>(factors[pending.slot]);
     paths_[pending.slot * keys + key] = pending.path;
   }
 }
@@ -501,6 +541,7 @@ void FastSolver::Impl::write(std::size_t snapshots, std::span<std::complex<float
 FastSolver::FastSolver(const Scene& scene, const FastKernels& kernels)
     : impl_(std::make_unique<Impl>(scene, kernels)) {}
 FastSolver::~FastSolver() = default;
+FastSolver::FastSolver(const FastSolver& other) : impl_(std::make_unique<Impl>(*other.impl_)) {}
 
 void FastSolver::solve(std::span<const std::vector<Body>> bodies, std::span<std::complex<float>> out) {
   impl_->solve(bodies, out);

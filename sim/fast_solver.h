@@ -24,6 +24,8 @@ class FastSolver {
   /// Takes everything of `scene` but its bodies. Arrays are lines of antennas with one axis and pattern.
   explicit FastSolver(const Scene& scene, const FastKernels& kernels = best_kernels());
   ~FastSolver();
+  /// A copy has the static paths without computing them again: for many clips in one room.
+  FastSolver(const FastSolver& other);
 
   /// bodies[snapshot][body]: the same bodies in the same order at each snapshot.
   /// out: H[snapshot][tone][receiver][antenna], C order.

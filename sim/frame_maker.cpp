@@ -41,9 +41,9 @@ std::vector<ArrayPlan> frame_arrays(Storage storage) {
           {"agc", "|u1", 1, {kSamples, kReceivers}}};
 }
 
-FrameMaker::FrameMaker(const Scene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
+FrameMaker::FrameMaker(FastSolver solver, Storage storage, const Impairments& on, std::uint64_t seed,
                        std::uint32_t clip, double rate_hz)
-    : storage_(storage), clip_(clip), bank_(on, Band{}, seed, clip, rate_hz), batch_(scene) {}
+    : storage_(storage), clip_(clip), bank_(on, Band{}, seed, clip, rate_hz), batch_(std::move(solver)) {}
 
 void FrameMaker::add_frame(MovingScene& scene, ClipRows& rows) {
   batch_.advance(scene);
@@ -83,7 +83,7 @@ void FrameMaker::append_records(ClipRows& rows) {
 
 ClipRows make_clip(MovingScene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
                    std::uint32_t clip, std::uint32_t frames, double rate_hz) {
-  FrameMaker maker(scene.still(), storage, on, seed, clip, rate_hz);
+  FrameMaker maker(FastSolver(scene.still()), storage, on, seed, clip, rate_hz);
   ClipRows rows(frame_arrays(storage).size());
   for (std::uint32_t frame = 0; frame < frames; ++frame) maker.add_frame(scene, rows);
   return rows;

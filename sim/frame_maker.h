@@ -23,8 +23,8 @@ std::vector<ArrayPlan> frame_arrays(Storage storage);
 /// One clip's frames, one after another.
 class FrameMaker {
  public:
-  /// `scene` without bodies; room, devices and antennas stay for the clip.
-  FrameMaker(const Scene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
+  /// `solver` of the scene's room, devices and antennas, which stay for the clip.
+  FrameMaker(FastSolver solver, Storage storage, const Impairments& on, std::uint64_t seed,
              std::uint32_t clip, double rate_hz);
 
   /// Takes the next kSamples instants of `scene`, whose still() is that of the constructor. Appends one row to each of

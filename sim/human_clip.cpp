@@ -32,7 +32,9 @@ ClipRows make_human_clip(const HumanClip& clip, Storage storage, const Impairmen
                          double rate_hz) {
   assert(clip.spec.people <= kMostPeople);
   HumanScene scene(clip.spec, seed, clip.number, rate_hz);
-  FrameMaker maker(scene.still(), storage, on, seed, clip.number, rate_hz);
+  const bool known =
+      clip.solver != nullptr && scene.still().furniture.size() == clip.spec.room.still.furniture.size();
+  FrameMaker maker(known ? *clip.solver : FastSolver(scene.still()), storage, on, seed, clip.number, rate_hz);
   ClipRows rows(human_arrays(storage).size());
   const std::size_t labels = frame_arrays(storage).size();
   const auto count = static_cast<std::uint8_t>(clip.spec.people);

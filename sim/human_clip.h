@@ -19,6 +19,8 @@ struct HumanClip {
   std::uint32_t number = 0;  ///< of the clip in its set: decides what people do and what the radio spoils
   std::uint32_t frames = 0;
   std::uint8_t room_index = 0;  ///< into the set's list of rooms
+  const FastSolver* solver =
+      nullptr;  ///< of the room, when it serves many clips; not used where a clip adds chairs
 };
 ClipRows make_human_clip(const HumanClip& clip, Storage storage, const Impairments& on, std::uint64_t seed,
                          double rate_hz);

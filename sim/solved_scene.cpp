@@ -4,8 +4,11 @@
 
 namespace csipose::sim {
 
-SceneBatch::SceneBatch(const Scene& still)
-    : solver_(still), bodies_(kSamples), people_(kSamples), h_(kSamples * kSubcarriers * kLinks) {}
+SceneBatch::SceneBatch(FastSolver solver)
+    : solver_(std::move(solver)),
+      bodies_(kSamples),
+      people_(kSamples),
+      h_(kSamples * kSubcarriers * kLinks) {}
 
 void SceneBatch::advance(MovingScene& scene) {
   for (std::size_t i = 0; i < kSamples; ++i) {
@@ -30,7 +33,7 @@ namespace {
 class SolvedScene final : public ChannelSource {
  public:
   explicit SolvedScene(std::unique_ptr<MovingScene> scene)
-      : scene_(std::move(scene)), batch_(scene_->still()) {}
+      : scene_(std::move(scene)), batch_(FastSolver(scene_->still())) {}
   std::size_t people() const override { return scene_->people(); }
   const Instant& next() override {
     const std::size_t sample = number_++ % kSamples;

@@ -16,7 +16,7 @@ namespace csipose::sim {
 /// batches from the first instant on, so that they see the same channel to the last bit.
 class SceneBatch {
  public:
-  explicit SceneBatch(const Scene& still);
+  explicit SceneBatch(FastSolver solver);  ///< for scenes whose still() is the solver's
 
   /// The scene's next kSamples instants.
   void advance(MovingScene& scene);
