@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "proto/npy.h"
+#include "sim/fast_optics.h"
 #include "sim/reference_solver.h"
 #include "sim/scene_file.h"
 #include "tests/sim/golden_scene.h"
@@ -132,6 +133,38 @@ TEST(FastSolver, MeetsTheGoldenBodies) {
     expect_body(c, sphere(vec3(c["c"]), c["radius"].get<double>(), "skin_dry"), "H_skin_hw_dipole", 5e-3);
   for (const auto& c : testing::golden_list("bodies.json", "cases"))
     expect_body(c, body_of(c), "H_hw_dipole", 1e-2);
+}
+
+// What the sum above is made of: the reflection's spreading and the shadow, each by its kernel.
+TEST(FastSolver, KernelsMeetTheGoldenSpheres) {
+  CSIPOSE_NEEDS_SHARED_DATA();
+  const double lambda_m = Scene{}.wavelength_m();
+  FastOptics optics(best_kernels(), lambda_m);
+  for (const auto& c : testing::golden_list("sphere.json", "cases")) {
+    const Body body = sphere(vec3(c["c"]), c["radius"].get<double>(), "skin_dry");
+    const Vec3 tx = vec3(c["tx"]), rx = vec3(c["rx"]);
+    BodyTable table;
+    table.assign(std::array{body_row(body)});
+    optics.begin_shadows(1);
+    optics.add_shadows(leg_row({tx, rx, 0, glm::distance(tx, rx)}), table, -1, 0);
+    const std::complex<double> shadow(optics.take_shadows()[0]);
+    EXPECT_LT(std::abs(shadow - testing::complex_number(c["F_leg"])), 2e-3);
+    if (!c.contains("A")) continue;
+    EllipsoidLanes lanes{};
+    const Mat3 stretch = stretch_of(body);
+    for (std::size_t lane = 0; lane < 16; ++lane) {
+      const Vec3 s = tx - body.centre, q = rx - body.centre;
+      lanes.sx[lane] = static_cast<float>(s.x), lanes.sy[lane] = static_cast<float>(s.y);
+      lanes.sz[lane] = static_cast<float>(s.z), lanes.qx[lane] = static_cast<float>(q.x);
+      lanes.qy[lane] = static_cast<float>(q.y), lanes.qz[lane] = static_cast<float>(q.z);
+      for (int i = 0; i < 9; ++i) lanes.j[i][lane] = static_cast<float>(stretch[i / 3][i % 3]);
+    }
+    best_kernels().ellipsoids(lanes);
+    const Vec3 u = glm::normalize(Vec3{lanes.ux[0], lanes.uy[0], lanes.uz[0]});
+    const auto reflection = ellipsoid_reflection(body, u, tx, rx);
+    ASSERT_TRUE(reflection.has_value());
+    EXPECT_NEAR(std::abs(reflection->spreading) / c["A"].get<double>(), 1, 1e-3);
+  }
 }
 
 TEST(FastSolver, MeetsTheGoldenLinksAndRooms) {
