@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "model/metrics.h"
 #include "model/seeded_random.h"
 #include "proto/result.h"
 #include "proto/window.h"
@@ -61,35 +62,12 @@ std::vector<ParameterGroup> groups_of(const Parameters& parameters, const RunSet
 
 // ---- evaluation ----
 
-float distance_m(const float* pose, const Skeleton& person) {
-  float sum = 0;
-  for (std::size_t j = 0; j < kJoints; ++j)
-    sum +=
-        std::hypot(pose[3 * j] - person[j].x, pose[3 * j + 1] - person[j].y, pose[3 * j + 2] - person[j].z);
-  return sum / static_cast<float>(kJoints);
-}
-
-/// Mean error of a window's people: again and again the nearest pair of a query and a person who are both free.
-double window_error_m(const float* poses, std::size_t queries, std::span<const Skeleton> people) {
-  std::vector<std::array<std::size_t, 2>> pairs;
-  std::vector<float> distance(queries * people.size());
-  for (std::size_t q = 0; q < queries; ++q)
-    for (std::size_t p = 0; p < people.size(); ++p) {
-      distance[q * people.size() + p] = distance_m(poses + q * kPoseWidth, people[p]);
-      pairs.push_back({q, p});
-    }
-  const auto of = [&](const std::array<std::size_t, 2>& pair) {
-    return distance[pair[0] * people.size() + pair[1]];
-  };
-  std::stable_sort(pairs.begin(), pairs.end(), [&](const auto& a, const auto& b) { return of(a) < of(b); });
-  std::vector<bool> used(queries), found(people.size());
-  double sum = 0;
-  for (const auto& pair : pairs) {
-    if (used[pair[0]] || found[pair[1]]) continue;
-    used[pair[0]] = found[pair[1]] = true;
-    sum += static_cast<double>(of(pair));
-  }
-  return sum / static_cast<double>(people.size());
+/// Poses [queries][14][3] as skeletons.
+std::vector<Skeleton> skeletons_of(const float* poses, std::int64_t queries) {
+  std::vector<Skeleton> all(static_cast<std::size_t>(queries));
+  for (Skeleton& skeleton : all)
+    for (Point3& joint : skeleton) joint = {poses[0], poses[1], poses[2]}, poses += 3;
+  return all;
 }
 
 // ---- what fails in a batch ----
@@ -343,21 +321,17 @@ Weights initial_weights(const RunSettings& settings, const Pool& pool, const Spl
 
 double oracle_error_m(const Parameters& weights, const NetworkConfig& config, const Pool& pool,
                       std::span<const std::uint64_t> windows, const Numerics& numerics) {
-  double sum = 0;
-  std::size_t judged = 0;
+  Metrics metrics(Protocol::piw3d);
   for (std::size_t from = 0; from < windows.size(); from += kEvaluationBatch) {
     const auto part = windows.subspan(from, std::min(kEvaluationBatch, windows.size() - from));
     const at::Tensor joints =
         infer(weights, config, pool.tokens(part), {}, numerics).joints.to(at::kCPU, at::kFloat).contiguous();
-    for (std::size_t b = 0; b < part.size(); ++b) {
-      const auto people = pool.people(part[b]);
-      if (people.empty()) continue;
-      const float* poses = joints.data_ptr<float>() + static_cast<std::int64_t>(b) * joints.stride(0);
-      sum += window_error_m(poses, static_cast<std::size_t>(joints.size(1)), people);
-      ++judged;
-    }
+    for (std::size_t b = 0; b < part.size(); ++b)
+      metrics.add(skeletons_of(joints.data_ptr<float>() + static_cast<std::int64_t>(b) * joints.stride(0),
+                               joints.size(1)),
+                  pool.people(part[b]));
   }
-  return sum / static_cast<double>(judged);
+  return metrics.all().frame_mean.mpjpe / 1000;
 }
 
 at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
