@@ -170,6 +170,7 @@ void write_sigma(const TensorMap& weights, const Matrix& state, std::size_t quer
 
 void run_refinement(const TensorMap& weights, const DecoderShape& shape, const Matrix& memory,
                     DecoderOutput& out) {
+  if (shape.refine_layers == 0) return;
   const std::size_t queries = out.topk.size();
   out.refined.assign(shape.refine_layers, Matrix(queries, kPoseWidth));
   if (shape.joint_sigma) out.sigma_m = Matrix(queries, kJoints);

@@ -63,8 +63,8 @@ Difference difference(std::span<const float> got, std::span<const float> wanted)
 }
 
 std::vector<std::string> stages_of(const NetworkConfig& config) {
-  std::vector<std::string> names = {"embed", "encoder", "memory", "enc_cls", "enc_kpt",
-                                    "topk",  "cls",     "kpt",    "refined"};
+  std::vector<std::string> names = {"embed", "encoder", "memory", "enc_cls", "enc_kpt", "topk", "cls", "kpt"};
+  if (config.refine_layers > 0) names.push_back("refined");
   for (std::size_t i = 0; i < config.depth; ++i) names.push_back("block" + std::to_string(i));
   for (std::size_t i = 0; i < config.decoder_layers; ++i) names.push_back("layer" + std::to_string(i));
   return names;
@@ -101,6 +101,14 @@ TEST(OneDnnEngine, EveryStageIsTheReferences) {
 
 TEST(OneDnnEngine, ParityFormRefinesOnceForAll) {
   expect_equal_stages(model_of("tiny", /*identity=*/false), all_links());
+}
+
+TEST(OneDnnEngine, WithoutRefinementTheLastDecoderLayerHasTheLastWord) {
+  NetworkConfig config = preset_config("micro");
+  config.preset = "custom";
+  config.identity_conditioning = false;
+  config.refine_layers = 0;
+  expect_equal_stages(init_random(config, 7, HeadInit::random), all_links());
 }
 
 TEST(OneDnnEngine, ExpectedErrorsOfJoints) {
