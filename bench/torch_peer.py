@@ -54,4 +54,4 @@ with torch.inference_mode():
     model = torch.jit.freeze(torch.jit.trace(model, x, check_trace=False))
     difference = float(np.abs(model(x).float().numpy().ravel() - np.fromfile(expected, np.float32)).max())
     figures = network_file.measure(lambda: model(x), int(runs))
-network_file.report("libtorch " + torch.__version__, precision, int(threads), figures, difference)
+network_file.report(f"libtorch {torch.__version__} encoder", precision, int(threads), figures, difference)

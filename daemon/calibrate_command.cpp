@@ -36,16 +36,9 @@ void print_figures(const std::string& precision, const GateFigures& figures) {
   }
 }
 
-void require_free(const CalibrateOptions& options) {
-  if (options.force || !std::filesystem::exists(options.out)) return;
-  throw SetupError(
-      ExitStatus::cannot_create,
-      fmt::format("{} is there already; name another file, or say --force to replace it", options.out));
-}
-
 void calibrate(const CalibrateOptions& options) {
   prepare_process_for_inference();
-  require_free(options);
+  require_free(options.out, options.force);
   const std::vector<WindowTensor> windows = read_window_file(options.windows);
   if (windows.empty())
     throw SetupError(ExitStatus::bad_data,

@@ -1,4 +1,4 @@
-// `csipose model init|show|verify`: weights files.
+// `csipose model init|show|verify|export`: weights files.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -7,6 +7,7 @@
 
 #include "daemon/tool.h"
 #include "model/model.h"
+#include "model/onnx_graph.h"
 
 namespace csipose {
 namespace {
@@ -20,12 +21,7 @@ struct InitOptions {
 };
 
 void init(const InitOptions& options) {
-  if (!options.force && std::filesystem::exists(options.out))
-    throw SetupError(
-        ExitStatus::cannot_create,
-        fmt::format("{} is there already and could be a trained model; name another file, or say --force to "
-                    "replace it",
-                    options.out));
+  require_free(options.out, options.force);
   NetworkConfig config = preset_config(options.preset);
   config.identity_conditioning = !options.parity;
   const auto heads = options.random_heads ? HeadInit::random : HeadInit::zero;
@@ -110,6 +106,15 @@ void verify(const std::string& file, const std::string& sha256) {
                model->digest(), model->untrained() ? "; UNTRAINED" : "");
 }
 
+void export_onnx(const std::string& file, const std::string& out, bool force) {
+  require_free(out, force);
+  const auto model = Model::load(file);
+  write_file_atomically(out, onnx_file(*model));
+  if (!tool_options().quiet)
+    fmt::print("{}: ONNX, opset 17, the network of {}{}\n", out, file,
+               model->untrained() ? ", UNTRAINED" : "");
+}
+
 void add_init(CLI::App& model) {
   CLI::App* command = model.add_subcommand("init", "write random weights, marked UNTRAINED");
   auto options = std::make_shared<InitOptions>();
@@ -128,7 +133,7 @@ void add_init(CLI::App& model) {
 }  // namespace
 
 void add_model(CLI::App& app) {
-  CLI::App* model = app.add_subcommand("model", "weights files: init, show, verify, calibrate");
+  CLI::App* model = app.add_subcommand("model", "weights files: init, show, verify, export, calibrate");
   model->require_subcommand(1);
   add_init(*model);
   auto file = std::make_shared<std::string>();
@@ -141,6 +146,14 @@ void add_model(CLI::App& app) {
   verify_command->add_option("file", *file, "a .safetensors file")->required();
   verify_command->add_option("--sha256", *sha256, "digest that the file must have")->type_name("HEX");
   verify_command->callback([file, sha256] { verify(*file, *sha256); });
+  auto out = std::make_shared<std::string>();
+  auto force = std::make_shared<bool>(false);
+  CLI::App* export_command =
+      model->add_subcommand("export", "write the network as an ONNX file, for other runtimes");
+  export_command->add_option("file", *file, "a .safetensors file")->required();
+  export_command->add_option("--out", *out, "ONNX file to write")->required()->type_name("FILE");
+  export_command->add_flag("--force", *force, "replace a file that is there");
+  export_command->callback([file, out, force] { export_onnx(*file, *out, *force); });
   add_calibrate(*model);
 }
 

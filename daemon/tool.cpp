@@ -59,6 +59,12 @@ void become_sibling(const std::string& name, const std::vector<std::string>& arg
                    fmt::format("{} cannot be started: {}.", path, std::strerror(errno)));
 }
 
+void require_free(const std::string& file, bool force) {
+  if (force || !std::filesystem::exists(file)) return;
+  throw SetupError(ExitStatus::cannot_create,
+                   fmt::format("{} is there already; name another file, or say --force to replace it", file));
+}
+
 std::string nearest_word(const std::string& word, const std::vector<std::string>& known) {
   std::string nearest;
   std::size_t least = std::max<std::size_t>(1, word.size() / 3) + 1;  // further away is another word

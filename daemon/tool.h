@@ -34,6 +34,8 @@ std::string sibling_program(const std::string& name);
 [[noreturn]] void become_sibling(const std::string& name, const std::vector<std::string>& arguments);
 /// The entry of `known` that `word` was most likely meant to be; empty when none is near.
 std::string nearest_word(const std::string& word, const std::vector<std::string>& known);
+/// Throws SetupError (cannot_create) when the file that a command is to write is there and --force was not said.
+void require_free(const std::string& file, bool force);
 
 // The commands, each in its own file.
 void add_agent(CLI::App& app);

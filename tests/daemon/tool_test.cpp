@@ -86,6 +86,22 @@ TEST(CsiposeAgent, MakesListsAndRemovesKeys) {
   EXPECT_EQ(csipose("agent list --json" + keys).text.find("{\"id\":\"sim1\""), 0U);
 }
 
+TEST(CsiposeModel, ExportsToAFileThatIsNotThereYet) {
+  testing::ScratchFolder folder;
+  const std::string weights = folder / "w.safetensors", graph = folder / "network.onnx";
+  const std::string command = "model export " + weights + " --out " + graph;
+  EXPECT_EQ(csipose(command).status, static_cast<int>(ExitStatus::no_input));
+  ASSERT_EQ(csipose("model init --preset micro --out " + weights).status, 0);
+  const Outcome exported = csipose(command);
+  EXPECT_EQ(exported.status, 0) << exported.text;
+  EXPECT_NE(exported.text.find("UNTRAINED"), std::string::npos) << exported.text;
+  EXPECT_GT(std::filesystem::file_size(graph), std::filesystem::file_size(weights));
+  EXPECT_EQ(csipose(command).status, static_cast<int>(ExitStatus::cannot_create));
+  EXPECT_EQ(csipose(command + " --force").status, 0);
+  EXPECT_EQ(csipose("model export " + graph + " --out " + weights + "2").status,
+            static_cast<int>(ExitStatus::bad_data));
+}
+
 TEST(CsiposeReplay, SaysWhatIsWrongBeforeItStartsAnything) {
   const Outcome absent = csipose("replay no-such-file.mcap");
   EXPECT_EQ(absent.status, static_cast<int>(ExitStatus::no_input));

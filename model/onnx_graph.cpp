@@ -1,0 +1,373 @@
+#include "model/onnx_graph.h"
+
+#include <fmt/format.h>
+#include <onnx/onnx_pb.h>
+
+#include <cassert>
+#include <climits>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <span>
+#include <vector>
+
+#include "model/model.h"
+#include "model/reference.h"
+#include "proto/result.h"
+#include "version.h"
+
+namespace csipose {
+namespace {
+
+constexpr int kOpset = 17;
+constexpr int kIrVersion = 8;  // goes with opset 17
+constexpr float kEncoderEpsilon = 1e-6f, kDecoderEpsilon = 1e-5f;
+constexpr std::int64_t kTokenCount = kTokens, kJointCount = kJoints;
+
+using Shape = std::vector<std::int64_t>;
+struct Value {
+  std::string name;
+  Shape shape;
+};
+
+Shape last_replaced(Shape shape, std::int64_t width) {
+  shape.back() = width;
+  return shape;
+}
+
+/// Operators one by one; each says the shape of what it makes, for the next to read.
+class Graph {
+ public:
+  explicit Graph(onnx::GraphProto& proto) : proto_(proto) {}
+
+  Value constant(const std::string& name, Shape shape, std::span<const float> numbers) {
+    onnx::TensorProto& tensor = initializer(name, shape, onnx::TensorProto::FLOAT);
+    tensor.set_raw_data(numbers.data(), numbers.size_bytes());  // little-endian, as ours are
+    return {name, std::move(shape)};
+  }
+  // These two may be asked for again.
+  Value scalar(float number) {
+    const std::string name = fmt::format("number_{}", number);
+    return known_.insert(name).second ? constant(name, {}, std::span(&number, 1)) : Value{name, {}};
+  }
+  Value integers(const Shape& numbers) {
+    const std::string name = fmt::format("integers_{}", fmt::join(numbers, "_"));
+    if (known_.insert(name).second)
+      initializer(name, {static_cast<std::int64_t>(numbers.size())}, onnx::TensorProto::INT64)
+          .set_raw_data(numbers.data(), numbers.size() * sizeof(std::int64_t));
+    return {name, {}};
+  }
+
+  onnx::NodeProto& node(const char* operation, std::initializer_list<Value> inputs,
+                        const std::string& output) {
+    onnx::NodeProto& made = *proto_.add_node();
+    made.set_op_type(operation);
+    made.set_name(output);
+    for (const Value& input : inputs) made.add_input(input.name);
+    made.add_output(output);
+    return made;
+  }
+  /// An operator without attributes, under a name that says only what it is unless one is given.
+  Value apply(const char* operation, std::initializer_list<Value> inputs, Shape shape,
+              std::string name = {}) {
+    if (name.empty()) name = fmt::format("{}_{}", operation, proto_.node_size());
+    node(operation, inputs, name);
+    return {name, std::move(shape)};
+  }
+  /// b may be repeated along the axes of a.
+  Value add(const Value& a, const Value& b) { return apply("Add", {a, b}, a.shape); }
+  Value reshape(const Value& x, const Shape& shape) { return apply("Reshape", {x, integers(shape)}, shape); }
+  Value transpose(const Value& x, const Shape& order) {
+    const std::string name = fmt::format("Transpose_{}", proto_.node_size());
+    set_integers(node("Transpose", {x}, name), "perm", order);
+    Shape shape;
+    for (const std::int64_t axis : order) shape.push_back(x.shape[static_cast<std::size_t>(axis)]);
+    return {name, shape};
+  }
+  Value softmax(const Value& x) {
+    const std::string name = fmt::format("Softmax_{}", proto_.node_size());
+    set_integer(node("Softmax", {x}, name), "axis", -1);
+    return {name, x.shape};
+  }
+
+  static void set_integer(onnx::NodeProto& node, const char* name, std::int64_t value) {
+    attribute(node, name, onnx::AttributeProto::INT).set_i(value);
+  }
+  static void set_number(onnx::NodeProto& node, const char* name, float value) {
+    attribute(node, name, onnx::AttributeProto::FLOAT).set_f(value);
+  }
+  static void set_integers(onnx::NodeProto& node, const char* name, const Shape& values) {
+    attribute(node, name, onnx::AttributeProto::INTS).mutable_ints()->Assign(values.begin(), values.end());
+  }
+
+  Value input(const char* name, Shape shape) { return announce(*proto_.add_input(), name, std::move(shape)); }
+  void output(const char* name, const Value& value) {
+    node("Identity", {value}, name);
+    announce(*proto_.add_output(), name, value.shape);
+  }
+
+ private:
+  onnx::TensorProto& initializer(const std::string& name, const Shape& shape,
+                                 onnx::TensorProto::DataType type) {
+    onnx::TensorProto& tensor = *proto_.add_initializer();
+    tensor.set_name(name);
+    tensor.set_data_type(type);
+    tensor.mutable_dims()->Assign(shape.begin(), shape.end());
+    return tensor;
+  }
+  static onnx::AttributeProto& attribute(onnx::NodeProto& node, const char* name,
+                                         onnx::AttributeProto::AttributeType type) {
+    onnx::AttributeProto& made = *node.add_attribute();
+    made.set_name(name);
+    made.set_type(type);
+    return made;
+  }
+  static Value announce(onnx::ValueInfoProto& info, const char* name, Shape shape) {
+    info.set_name(name);
+    onnx::TypeProto::Tensor& type = *info.mutable_type()->mutable_tensor_type();
+    type.set_elem_type(onnx::TensorProto::FLOAT);
+    for (const std::int64_t size : shape) type.mutable_shape()->add_dim()->set_dim_value(size);
+    return {name, std::move(shape)};
+  }
+
+  onnx::GraphProto& proto_;
+  std::set<std::string> known_;  ///< constants without a tensor
+};
+
+/// The layers of model/reference.cpp, in its order and under its names.
+class NetworkGraph {
+ public:
+  NetworkGraph(const Model& model, onnx::GraphProto& proto)
+      : config_(model.config()),
+        weights_(model.tensors()),
+        normalisation_(model.normalisation()),
+        graph_(proto) {}
+
+  void build() {
+    const Value memory = linear(encode(graph_.input("csi", {1, kChannels, kSamples, kLinks})), "proj");
+    Value q = constant_half("query_embedding.weight", queries(), Half::content);
+    const Value position = constant_half("query_embedding.weight", queries(), Half::position);
+    Value pose = propose(memory), logits;
+    for (std::size_t i = 0; i < config_.decoder_layers; ++i) {
+      q = decoder_layer(fmt::format("decoder.layers.{}.", i), q, position, memory);
+      pose = graph_.add(mlp(q, fmt::format("kpt_branches.{}", i), 6), pose);
+      if (i + 1 == config_.decoder_layers) logits = linear(q, fmt::format("cls_branches.{}", i));
+    }
+    pose = graph_.reshape(pose, {1, queries(), kJointCount, 3});
+    if (config_.refine_layers > 0) pose = refine(pose, q, memory);
+    graph_.output("scores",
+                  graph_.apply("Sigmoid", {graph_.reshape(logits, {1, queries()})}, {1, queries()}));
+    graph_.output("poses", pose);
+  }
+
+ private:
+  enum class Half : std::uint8_t { position, content };
+
+  std::int64_t queries() const { return static_cast<std::int64_t>(config_.queries); }
+
+  /// x W^T + b for some rows of a packed weight.
+  Value linear_rows(const Value& x, const std::string& name, const Tensor& weight, const Tensor& bias,
+                    std::size_t first, std::size_t count) {
+    const std::size_t width = weight.data.size() / weight.shape[0];
+    assert(x.shape.back() == static_cast<std::int64_t>(width));
+    std::vector<float> turned(width * count);
+    for (std::size_t o = 0; o < count; ++o)
+      for (std::size_t i = 0; i < width; ++i) turned[i * count + o] = weight.data[(first + o) * width + i];
+    const auto outputs = static_cast<std::int64_t>(count);
+    const Value w = graph_.constant(name + ".weight", {static_cast<std::int64_t>(width), outputs}, turned);
+    const Value b = graph_.constant(name + ".bias", {outputs}, std::span(bias.data).subspan(first, count));
+    const Shape shape = last_replaced(x.shape, outputs);
+    return graph_.apply("Add", {graph_.apply("MatMul", {x, w}, shape), b}, shape, name);
+  }
+  Value linear(const Value& x, const std::string& name) {
+    const Tensor& weight = weights_[name + ".weight"];
+    return linear_rows(x, name, weight, weights_[name + ".bias"], 0, weight.shape[0]);
+  }
+  /// Part 0, 1 or 2 (q, k, v) of a packed projection.
+  Value projection(const Value& x, const std::string& name, const Tensor& weight, const Tensor& bias,
+                   std::size_t part) {
+    const std::size_t width = weight.shape[0] / 3;
+    return linear_rows(x, fmt::format("{}.{}", name, "qkv"[part]), weight, bias, part * width, width);
+  }
+  Value layer_norm(const Value& x, const std::string& name, float epsilon) {
+    const std::int64_t width = x.shape.back();
+    const Value gain = graph_.constant(name + ".weight", {width}, weights_[name + ".weight"].data);
+    const Value bias = graph_.constant(name + ".bias", {width}, weights_[name + ".bias"].data);
+    Graph::set_number(graph_.node("LayerNormalization", {x, gain, bias}, name), "epsilon", epsilon);
+    return {name, x.shape};
+  }
+  /// As a chain that runtimes know to be the exact GELU; the operator of that name came with opset 20.
+  Value gelu(const Value& x) {
+    const Value inner =
+        graph_.apply("Erf", {graph_.apply("Div", {x, graph_.scalar(std::sqrt(2.f))}, x.shape)}, x.shape);
+    const Value twice = graph_.apply("Mul", {x, graph_.add(inner, graph_.scalar(1))}, x.shape);
+    return graph_.apply("Mul", {twice, graph_.scalar(0.5f)}, x.shape);
+  }
+  Value relu(const Value& x) { return graph_.apply("Relu", {x}, x.shape); }
+  Value mlp(Value x, const std::string& name, int last) {
+    for (int i = 0; i < last; i += 2) x = relu(linear(x, fmt::format("{}.{}", name, i)));
+    return linear(x, fmt::format("{}.{}", name, last));
+  }
+
+  /// [groups][rows][width] to heads, before or after their rows: [groups][heads][rows][..] or its transpose.
+  Value heads_of(const Value& x, std::int64_t groups, std::int64_t heads, bool turned) {
+    const std::int64_t width = x.shape.back();
+    const std::int64_t rows = x.shape[0] * x.shape[1] / groups;
+    return graph_.transpose(graph_.reshape(x, {groups, rows, heads, width / heads}),
+                            turned ? Shape{0, 2, 3, 1} : Shape{0, 2, 1, 3});
+  }
+  /// Each of `groups` parts of the queries against its part of keys and values; the queries' shape again.
+  Value attention(const Value& q, const Value& k, const Value& v, std::int64_t groups,
+                  std::size_t head_count) {
+    const auto heads = static_cast<std::int64_t>(head_count);
+    const Value queries = heads_of(q, groups, heads, false), keys = heads_of(k, groups, heads, true),
+                values = heads_of(v, groups, heads, false);
+    const float scale = 1 / std::sqrt(static_cast<float>(queries.shape[3]));
+    const Shape square = {groups, heads, queries.shape[2], keys.shape[3]};
+    const Value scores =
+        graph_.apply("Mul", {graph_.apply("MatMul", {queries, keys}, square), graph_.scalar(scale)}, square);
+    const Value mixed = graph_.apply("MatMul", {graph_.softmax(scores), values}, queries.shape);
+    return graph_.reshape(graph_.transpose(mixed, {0, 2, 1, 3}), q.shape);
+  }
+
+  /// csi to [1][180][60], normalised, row t * 9 + l.
+  Value tokens(const Value& csi) {
+    std::vector<float> mean(kChannels, 0.f), deviation(kChannels, normalisation_.ph_std);
+    std::fill_n(mean.begin(), kSubcarriers, normalisation_.amp_mean);
+    std::fill_n(deviation.begin(), kSubcarriers, normalisation_.amp_std);
+    const Shape by_channel = {kChannels, 1, 1};
+    const Value centred =
+        graph_.apply("Sub", {csi, graph_.constant("norm.mean", by_channel, mean)}, csi.shape);
+    const Value scaled =
+        graph_.apply("Div", {centred, graph_.constant("norm.std", by_channel, deviation)}, csi.shape);
+    return graph_.transpose(graph_.reshape(scaled, {1, kChannels, kTokenCount}), {0, 2, 1});
+  }
+  Value encode(const Value& csi) {
+    const auto dim = static_cast<std::int64_t>(config_.dim);
+    const Value code =
+        graph_.constant("position_code", {1, kTokenCount, dim}, reference::position_code(config_.dim).data);
+    Value x = graph_.add(linear(tokens(csi), "encoder.patch_embed.proj"), code);
+    for (std::size_t i = 0; i < config_.depth; ++i) x = block(fmt::format("encoder.blocks.{}.", i), x);
+    return layer_norm(x, "encoder.norm", kEncoderEpsilon);
+  }
+  Value block(const std::string& name, Value x) {
+    const Value normed = layer_norm(x, name + "norm1", kEncoderEpsilon);
+    const Tensor &weight = weights_[name + "attn.qkv.weight"], &bias = weights_[name + "attn.qkv.bias"];
+    const auto part = [&](std::size_t i) { return projection(normed, name + "attn", weight, bias, i); };
+    const Value q = part(0), k = part(1), v = part(2);
+    x = graph_.add(x, linear(attention(q, k, v, 1, config_.heads), name + "attn.proj"));
+    const Value hidden = gelu(linear(layer_norm(x, name + "norm2", kEncoderEpsilon), name + "mlp.fc1"));
+    return graph_.add(x, linear(hidden, name + "mlp.fc2"));
+  }
+
+  /// Poses of the best tokens, [1][Q][42].
+  Value propose(const Value& memory) {
+    const std::string last = std::to_string(config_.decoder_layers);
+    const Value scores = graph_.reshape(linear(memory, "cls_branches." + last), {kTokenCount});
+    const Value poses = mlp(memory, "kpt_branches." + last, 6);
+    // Descending; among equal ones the lower row first, as ours.
+    onnx::NodeProto& best = graph_.node("TopK", {scores, graph_.integers({queries()})}, "proposals.score");
+    Graph::set_integer(best, "axis", 0);
+    best.add_output("proposals.token");
+    Graph::set_integer(graph_.node("Gather", {poses, {"proposals.token", {}}}, "proposals.pose"), "axis", 1);
+    return {"proposals.pose", {1, queries(), 3 * kJointCount}};
+  }
+
+  /// Half of a learned table (rows, 2 E) as [1][rows][E].
+  Value constant_half(const std::string& name, std::int64_t rows, Half half) {
+    const Tensor& table = weights_[name];
+    const std::size_t width = table.shape[1] / 2;
+    std::vector<float> part;
+    for (std::size_t r = 0; r < static_cast<std::size_t>(rows); ++r) {
+      const auto row =
+          std::span(table.data).subspan((2 * r + (half == Half::content ? 1 : 0)) * width, width);
+      part.insert(part.end(), row.begin(), row.end());
+    }
+    return graph_.constant(name + (half == Half::content ? ".content" : ".position"),
+                           {1, rows, static_cast<std::int64_t>(width)}, part);
+  }
+  /// q [P][rows][E]: attention within each of P, then all of them against the one memory.
+  Value decoder_layer(const std::string& name, Value q, const Value& position, const Value& memory) {
+    const auto multi_head = [&](const char* kind, const Value& qs, const Value& ks, const Value& vs,
+                                std::int64_t groups) {
+      const std::string layer = name + kind;
+      const Tensor &weight = weights_[layer + ".in_proj_weight"], &bias = weights_[layer + ".in_proj_bias"];
+      const Value q_part = projection(qs, layer, weight, bias, 0),
+                  k_part = projection(ks, layer, weight, bias, 1),
+                  v_part = projection(vs, layer, weight, bias, 2);
+      return linear(attention(q_part, k_part, v_part, groups, config_.decoder_heads), layer + ".out_proj");
+    };
+    const Value placed = graph_.add(q, position);
+    q = layer_norm(graph_.add(q, multi_head("self_attn", placed, placed, q, q.shape[0])), name + "norm1",
+                   kDecoderEpsilon);
+    q = layer_norm(graph_.add(q, multi_head("cross_attn", graph_.add(q, position), memory, memory, 1)),
+                   name + "norm2", kDecoderEpsilon);
+    return layer_norm(graph_.add(q, linear(relu(linear(q, name + "linear1")), name + "linear2")),
+                      name + "norm3", kDecoderEpsilon);
+  }
+
+  /// Joint queries of every person at once, or of one for all when they do not know whom they refine.
+  Value refine(Value pose, const Value& q, const Value& memory) {
+    Value g = constant_half("refine_query_embedding.weight", kJointCount, Half::content);
+    const Value position = constant_half("refine_query_embedding.weight", kJointCount, Half::position);
+    if (config_.identity_conditioning) {
+      const std::int64_t width = g.shape.back();
+      const Value identity = graph_.reshape(linear(q, "refine_identity"), {queries(), 1, width});
+      g = graph_.apply("Add", {g, identity}, {queries(), kJointCount, width});
+    }
+    for (std::size_t j = 0; j < config_.refine_layers; ++j) {
+      g = decoder_layer(fmt::format("refine_decoder.layers.{}.", j), g, position, memory);
+      const Value offset = mlp(g, fmt::format("refine_kpt_branches.{}", j), 4);
+      pose = graph_.add(pose, graph_.reshape(offset, {1, g.shape[0], kJointCount, 3}));
+    }
+    return pose;
+  }
+
+  const NetworkConfig& config_;
+  const TensorMap& weights_;
+  const Normalisation& normalisation_;
+  Graph graph_;
+};
+
+void describe(const Model& model, onnx::ModelProto& proto) {
+  const WindowDemand& demand = model.demand();
+  for (const auto& [key, value] : std::initializer_list<std::pair<const char*, std::string>>{
+           {"preset", model.config().preset},
+           {"config", to_json(model.config())},
+           {"stage", model.provenance().stage},
+           {"corpus", model.provenance().corpus},
+           {"joint_order", nlohmann::json(kJointNames).dump()},
+           {"model_to_room", nlohmann::json(model.model_to_room()).dump()},
+           {"rate_hz", fmt::format("{}", demand.rate_hz)},
+           {"phase", demand.phase},
+           {"amplitude", demand.amplitude},
+           {"weights_sha256", model.digest()}}) {
+    onnx::StringStringEntryProto& entry = *proto.add_metadata_props();
+    entry.set_key(key);
+    entry.set_value(value);
+  }
+}
+
+}  // namespace
+
+std::string onnx_file(const Model& model) {
+  const double bytes = sizeof(float) * static_cast<double>(parameter_count(model.config()));
+  onnx::ModelProto proto;
+  proto.set_ir_version(kIrVersion);
+  proto.set_producer_name("csipose");
+  proto.set_producer_version(CSIPOSE_VERSION);
+  proto.add_opset_import()->set_version(kOpset);
+  describe(model, proto);
+  proto.mutable_graph()->set_name("csipose");
+  const bool fits = bytes < INT_MAX;
+  if (fits) NetworkGraph(model, *proto.mutable_graph()).build();
+  std::string file;
+  if (!fits || !proto.SerializeToString(&file))
+    throw SetupError(
+        ExitStatus::bad_data,
+        fmt::format("{} holds {:.1f} GB of weights, and one ONNX file at most 2: make a smaller network",
+                    model.file_name(), 1e-9 * bytes));
+  return file;
+}
+
+}  // namespace csipose
