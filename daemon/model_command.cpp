@@ -39,6 +39,7 @@ ordered_json calibration_of(const Model& model) {
   out["score"] = from.score ? ordered_json{{"a", from.score->a}, {"b", from.score->b}} : ordered_json();
   out["joint_scale"] = from.joint_scale ? ordered_json(*from.joint_scale) : ordered_json();
   out["confidence_knots"] = from.confidence ? kConfidenceKnots : 0;
+  out["confidences"] = ordered_json::parse(model.provenance().confidences);
   out["int8_layers"] = from.int8_input_max.size();
   for (const auto& [precision, figures] : model.gate())
     out["gate"][precision] = {{"mean_joint_shift_m", figures.mean_joint_shift_m},

@@ -65,6 +65,22 @@ class ModelReader {
     return model_;
   }
 
+  JointOrder read_joint_order() const {
+    const json names = json::parse(metadata("joint_order"), nullptr, false);
+    if (!names.is_array() || names.size() != kJoints) refuse("its joint_order is no list of 14 names");
+    JointOrder joint_of{};
+    std::set<std::size_t> seen;
+    for (std::size_t i = 0; i < kJoints; ++i) {
+      if (!names[i].is_string()) refuse("its joint_order holds something that is no name");
+      const auto& name = names[i].get_ref<const std::string&>();
+      const auto* found = std::find(kJointNames.begin(), kJointNames.end(), name);
+      joint_of[i] = static_cast<std::size_t>(found - kJointNames.begin());
+      if (found == kJointNames.end() || !seen.insert(joint_of[i]).second)
+        refuse(fmt::format("its joint_order has '{}', which is unknown or named twice", name));
+    }
+    return joint_of;
+  }
+
  private:
   static constexpr const char* kOtherProgram =
       "take a file that csipose wrote, or make one with 'csipose model init'";
@@ -141,6 +157,9 @@ class ModelReader {
     from.metrics = metadata("metrics");
     if (!json::parse(from.metrics, nullptr, false).is_object())
       refuse("its metadata 'metrics' is no JSON object");
+    if (file_.metadata().count("calibration") > 0) from.confidences = metadata("calibration");
+    if (!json::parse(from.confidences, nullptr, false).is_object())
+      refuse("its metadata 'calibration' is no JSON object");
   }
 
   void read_demand() {
@@ -246,22 +265,6 @@ class ModelReader {
     return figures[key].get<double>();
   }
 
-  JointOrder read_joint_order() const {
-    const json names = json::parse(metadata("joint_order"), nullptr, false);
-    if (!names.is_array() || names.size() != kJoints) refuse("its joint_order is no list of 14 names");
-    JointOrder joint_of{};
-    std::set<std::size_t> seen;
-    for (std::size_t i = 0; i < kJoints; ++i) {
-      if (!names[i].is_string()) refuse("its joint_order holds something that is no name");
-      const auto& name = names[i].get_ref<const std::string&>();
-      const auto* found = std::find(kJointNames.begin(), kJointNames.end(), name);
-      joint_of[i] = static_cast<std::size_t>(found - kJointNames.begin());
-      if (found == kJointNames.end() || !seen.insert(joint_of[i]).second)
-        refuse(fmt::format("its joint_order has '{}', which is unknown or named twice", name));
-    }
-    return joint_of;
-  }
-
   /// Joints meet the weights in four places; attention among them does not care for order.
   void apply_joint_order() {
     const JointOrder joint_of = read_joint_order();
@@ -297,12 +300,21 @@ std::shared_ptr<const Model> Model::load(const std::filesystem::path& path) {
 }
 std::shared_ptr<const Model> Model::from(const SafetensorsFile& file) { return ModelReader(file).read(); }
 
+namespace {
+template <class Predicate>
+std::vector<TensorView> tensors_without(const SafetensorsFile& file, Predicate unwanted) {
+  std::vector<TensorView> tensors;
+  for (const TensorView& view : file.tensors())
+    if (!unwanted(view.name)) tensors.push_back(view);
+  return tensors;
+}
+}  // namespace
+
 std::vector<std::uint8_t> with_int8_calibration(const SafetensorsFile& file,
                                                 const std::map<std::string, float>& input_max,
                                                 const std::map<std::string, GateFigures>& figures) {
-  std::vector<TensorView> tensors;
-  for (const TensorView& view : file.tensors())
-    if (!starts_with(view.name, kInt8Prefix)) tensors.push_back(view);
+  std::vector<TensorView> tensors =
+      tensors_without(file, [](std::string_view name) { return starts_with(name, kInt8Prefix); });
   for (const auto& [layer, value] : input_max)
     tensors.push_back({std::string(kInt8Prefix) + layer, DType::f32, {}, ByteView(&value, sizeof(value))});
   json gate = json::object();
@@ -312,6 +324,33 @@ std::vector<std::uint8_t> with_int8_calibration(const SafetensorsFile& file,
                        {"windows", measured.windows}};
   std::map<std::string, std::string> metadata = file.metadata();
   metadata["gate"] = gate.dump();
+  return pack_safetensors(std::move(metadata), tensors);
+}
+
+std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Calibration& calibration,
+                                           const std::string& account) {
+  std::vector<TensorView> tensors = tensors_without(file, [](std::string_view name) {
+    return name == "calib.score" || name == "calib.joint_scale" || name == "calib.conf";
+  });
+  const auto put = [&](const char* name, std::vector<std::size_t> shape, const std::vector<float>& numbers) {
+    tensors.push_back(
+        {name, DType::f32, std::move(shape), ByteView(numbers.data(), numbers.size() * sizeof(float))});
+  };
+  std::vector<float> score, joint_scale, curve;
+  if (calibration.score) put("calib.score", {2}, score = {calibration.score->a, calibration.score->b});
+  if (calibration.joint_scale) {
+    for (const std::size_t joint : ModelReader(file).read_joint_order())
+      joint_scale.push_back((*calibration.joint_scale)[joint]);
+    put("calib.joint_scale", {kJoints}, joint_scale);
+  }
+  if (calibration.confidence) {
+    const auto& [raw, corrected] = *calibration.confidence;
+    curve.assign(raw.begin(), raw.end());
+    curve.insert(curve.end(), corrected.begin(), corrected.end());
+    put("calib.conf", {2, kConfidenceKnots}, curve);
+  }
+  std::map<std::string, std::string> metadata = file.metadata();
+  metadata["calibration"] = account;
   return pack_safetensors(std::move(metadata), tensors);
 }
 

@@ -74,6 +74,7 @@ struct Provenance {
   std::string git;      ///< commit of the program that wrote it
   std::string corpus;   ///< what it was trained on; empty when on nothing
   std::string metrics;  ///< JSON object as the evaluation printed it; "{}" when there is none
+  std::string confidences = "{}";  ///< JSON object: on what they were calibrated, and with what success
 };
 
 class Model {
@@ -133,5 +134,9 @@ std::shared_ptr<const Model> init_random(const NetworkConfig& config, std::uint6
 std::vector<std::uint8_t> with_int8_calibration(const SafetensorsFile& file,
                                                 const std::map<std::string, float>& input_max,
                                                 const std::map<std::string, GateFigures>& figures);
+/// The same with score, joint_scale and confidence of `calibration` in place of those it has; what is not given is taken
+/// out. `account`: a JSON object, Provenance::confidences of the new file.
+std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Calibration& calibration,
+                                           const std::string& account);
 
 }  // namespace csipose

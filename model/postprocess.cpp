@@ -8,7 +8,6 @@
 namespace csipose {
 namespace {
 
-constexpr float kConfidentError_m = 0.15f;
 constexpr std::size_t kPoseWidth = 3 * kJoints;
 
 bool all_finite(std::span<const float> numbers) {
@@ -113,12 +112,13 @@ Selected select_people(const NetworkOutput& output, const Model& model, const Se
     return {0, true};
   std::array<Candidate, kTokens> storage;
   Selected selected;
-  const std::size_t most = std::min(selection.max_people, people.size());
+  const std::size_t most = std::min({selection.max_people, people.size(), kMaxPeople});
   for (const Candidate& candidate : rank(output, model.calibration(), selection.min_score, storage)) {
     if (selected.count == most) break;
     const Person person = person_of(candidate, output, model);
-    if (!is_double(person.joints, people.first(selected.count), selection.nms_distance_m))
-      people[selected.count++] = person;
+    if (is_double(person.joints, people.first(selected.count), selection.nms_distance_m)) continue;
+    selected.query[selected.count] = candidate.query;
+    people[selected.count++] = person;
   }
   return selected;
 }

@@ -9,39 +9,20 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "model/engine.h"
 #include "model/safetensors.h"
 #include "proto/result.h"
 #include "train/commands.h"
+#include "train/engine_options.h"
 #include "train/evaluation.h"
 
 namespace csipose::train {
 namespace {
 
 struct Options {
-  std::string model, data, training, out, engine = "onednn", precision;
-  int threads = 2;
+  std::string model, data, training, out;
+  EngineOptions engine;
   bool drop_receivers = false;
 };
-
-const std::map<std::string, Precision>& precisions() {
-  static const std::map<std::string, Precision> names = {
-      {"f32", Precision::f32}, {"bf16", Precision::bf16}, {"int8", Precision::int8}};
-  return names;
-}
-
-std::unique_ptr<Engine> make_engine(const Options& options, std::shared_ptr<const Model> model) {
-  if (options.engine == "reference") {
-    if (!options.precision.empty() && options.precision != "f32")
-      throw SetupError(ExitStatus::usage, "the reference engine computes in f32 only; take --engine onednn");
-    return make_reference_engine(std::move(model));
-  }
-  OneDnnOptions onednn;
-  onednn.threads = options.threads;
-  onednn.refined_queries = 0;  // piw3d looks at all
-  if (!options.precision.empty()) onednn.precision = precisions().at(options.precision);
-  return make_onednn_engine(std::move(model), onednn);
-}
 
 /// All links; with drop_receivers also every choice of one and of two receivers without theirs.
 std::vector<std::pair<std::string, LinkSet>> link_choices(bool drop_receivers) {
@@ -78,7 +59,7 @@ void print_row(const std::string& name, const Metrics& metrics) {
   fmt::print("\n");
 }
 
-void print_table(Protocol protocol, const std::vector<NamedMetrics>& rows) {
+void print_table(Protocol protocol, const std::vector<NamedFigures>& rows) {
   fmt::print("\n{}\n{:16}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>9}",
              protocol == Protocol::piw3d
                  ? "piw3d: all hypotheses, no threshold, false positives cost nothing (mm, %)"
@@ -86,12 +67,33 @@ void print_table(Protocol protocol, const std::vector<NamedMetrics>& rows) {
              "", "MPJPE", "1", "2", "3", "PA", "PCK20", "PCK50", "pen.500");
   if (protocol == Protocol::detect) fmt::print("{:>8}{:>8}{:>8}", "prec.", "recall", "count");
   fmt::print("\n");
-  for (const NamedMetrics& row : rows)
-    print_row(row.name, protocol == Protocol::piw3d ? row.metrics.piw3d : row.metrics.detect);
+  for (const NamedFigures& row : rows)
+    print_row(row.name, protocol == Protocol::piw3d ? row.figures.piw3d : row.figures.detect);
+}
+
+/// How far stated probabilities are from what came true; only rows that state some.
+void print_reliability(const std::vector<NamedFigures>& rows) {
+  fmt::print("\nexpected calibration error, ten bins, of what detect gives\n{:16}{:>8}{:>8}{:>8}{:>8}\n", "",
+             "score", "people", "joints", "stated");
+  const auto print_one = [](const Reliability& stated) {
+    fmt::print("{:>8}{:>8}", stated.count() == 0 ? "-" : fmt::format("{:.4f}", stated.expected_error()),
+               stated.count());
+  };
+  for (const NamedFigures& row : rows) {
+    if (row.figures.score.count() == 0) continue;
+    fmt::print("{:16}", row.name);
+    print_one(row.figures.score);
+    print_one(row.figures.joints);
+    fmt::print("\n");
+  }
+}
+
+nlohmann::ordered_json reliability_json(const Reliability& stated) {
+  return {{"stated", stated.count()}, {"ece", stated.expected_error()}};
 }
 
 void write_report(const Options& options, const Model& model, const Engine& engine,
-                  const std::vector<NamedMetrics>& rows) {
+                  const std::vector<NamedFigures>& rows) {
   nlohmann::ordered_json report;
   report["model"] = model.file_name();
   report["sha256"] = model.digest();
@@ -99,11 +101,16 @@ void write_report(const Options& options, const Model& model, const Engine& engi
   report["engine"] = engine.describe();
   report["data"] = options.data;
   report["training_data"] = options.training;
-  for (const NamedMetrics& row : rows)
-    for (const Metrics* metrics : {&row.metrics.piw3d, &row.metrics.detect}) {
+  for (const NamedFigures& row : rows) {
+    nlohmann::ordered_json& results = report["results"][row.name];
+    for (const Metrics* metrics : {&row.figures.piw3d, &row.figures.detect}) {
       nlohmann::ordered_json json = nlohmann::ordered_json::parse(metrics_json(*metrics));
-      report["results"][row.name][json["protocol"].get<std::string>()] = json;
+      results[json["protocol"].get<std::string>()] = json;
     }
+    if (row.figures.score.count() > 0) results["calibration"]["score"] = reliability_json(row.figures.score);
+    if (row.figures.joints.count() > 0)
+      results["calibration"]["joints"] = reliability_json(row.figures.joints);
+  }
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
   if (error)
@@ -116,21 +123,22 @@ void run(const Options& options) {
   const std::shared_ptr<const Model> model = Model::load(options.model);
   const EvaluationSet set = open_evaluation_set(options.data);
   const EvaluationSet training = open_evaluation_set(options.training);
-  const std::unique_ptr<Engine> engine = make_engine(options, model);
+  const std::unique_ptr<Engine> engine = make_engine(options.engine, model);
   fmt::print("{} ({}), {} windows of {}\n", options.model, engine->describe(), set.windows->size(),
              options.data);
   const bool watched = ::isatty(STDERR_FILENO) == 1;
-  std::vector<NamedMetrics> rows;
+  std::vector<NamedFigures> rows;
   for (const auto& [name, links] : link_choices(options.drop_receivers))
-    rows.push_back({name, evaluate_model(*engine, *model, set, links, [&, what = name](std::size_t done) {
-                      if (watched && done % 100 == 0)
-                        fmt::print(stderr, "\r{} {}/{} ", what, done, set.windows->size());
+    rows.push_back({name, evaluate_model(*engine, *model, set, links, [&, what = name](const Answer& answer) {
+                      if (watched && answer.window % 100 == 0)
+                        fmt::print(stderr, "\r{} {}/{} ", what, answer.window, set.windows->size());
                     })});
   if (watched) fmt::print(stderr, "\r\033[K");
-  for (NamedMetrics& row : evaluate_trivial(training, set, model->model_to_room()))
+  for (NamedFigures& row : evaluate_trivial(training, set, model->model_to_room()))
     rows.push_back(std::move(row));
   print_table(Protocol::detect, rows);
   print_table(Protocol::piw3d, rows);
+  print_reliability(rows);
   if (!options.out.empty()) write_report(options, *model, *engine, rows);
 }
 
@@ -147,13 +155,7 @@ void add_eval(CLI::App& app) {
       ->add_option("--train", options->training, "folder of windows that were: the mean poses come from it")
       ->required();
   command->add_option("--out", options->out, "folder for metrics.json");
-  command->add_option("--engine", options->engine, "onednn or reference (slow, plain)")
-      ->check(CLI::IsMember({"onednn", "reference"}));
-  command
-      ->add_option("--precision", options->precision,
-                   "f32, bf16 or int8; the fastest that passes its gate if not given")
-      ->check(CLI::IsMember(precisions()));
-  command->add_option("--threads", options->threads, "of the engine")->check(CLI::Range(1, 256));
+  add_engine_options(*command, options->engine);
   command->add_flag("--drop-receivers", options->drop_receivers,
                     "also with each receiver, and each two, absent");
   command->callback([options] { run(*options); });

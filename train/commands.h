@@ -6,6 +6,7 @@ class App;
 }
 
 namespace csipose::train {
+void add_calibrate(CLI::App& app);
 void add_dataset(CLI::App& app);
 void add_defaults(CLI::App& app);
 void add_eval(CLI::App& app);

@@ -2,10 +2,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
-#include "model/postprocess.h"
 #include "proto/npy.h"
 #include "proto/result.h"
 #include "train/window_folder.h"
@@ -91,9 +91,37 @@ TrainingMeans means_of(const EvaluationSet& training, const RoomTransform& model
   return means;
 }
 
-void add(BothProtocols& metrics, std::span<const Skeleton> predicted, std::span<const Skeleton> people) {
-  metrics.piw3d.add(predicted, people);
-  metrics.detect.add(predicted, people);
+void add(Figures& figures, std::span<const Skeleton> predicted, std::span<const Skeleton> people) {
+  figures.piw3d.add(predicted, people);
+  figures.detect.add(predicted, people);
+}
+
+std::vector<Skeleton> skeletons_of(std::span<const Detection> found) {
+  std::vector<Skeleton> skeletons;
+  for (const Detection& detection : found) skeletons.push_back(detection.person.joints);
+  return skeletons;
+}
+
+Detection detection_of(const Person& person, std::size_t query, const NetworkOutput& output) {
+  Detection detection{person, output.logits[query]};
+  detection.sigma_m.fill(kUnknown);
+  detection.error_m.fill(kUnknown);
+  if (!output.sigma_m.empty())
+    std::copy_n(output.sigma_m.begin() + static_cast<std::ptrdiff_t>(query * kJoints), kJoints,
+                detection.sigma_m.begin());
+  return detection;
+}
+
+/// Says of each detection who it is, and how far off.
+void match_detections(std::vector<Detection>& found, std::span<const Skeleton> people) {
+  const std::vector<std::size_t> matches = match(Protocol::detect, skeletons_of(found), people);
+  for (std::size_t p = 0; p < people.size(); ++p) {
+    if (matches[p] == kMissed) continue;
+    Detection& detection = found[matches[p]];
+    detection.match = p;
+    const auto errors_mm = joint_errors_mm(detection.person.joints, people[p]);
+    for (std::size_t j = 0; j < kJoints; ++j) detection.error_m[j] = static_cast<float>(errors_mm[j] / 1000);
+  }
 }
 
 }  // namespace
@@ -117,35 +145,50 @@ EvaluationSet open_evaluation_set(const std::filesystem::path& folder) {
   return set;
 }
 
-BothProtocols evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
-                             const std::function<void(std::size_t)>& progress) {
+void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+               const std::function<void(const Answer&)>& tell) {
   const Selection selection{kMaxPeople, threshold(model.calibration()), kNmsDistance_m};
-  BothProtocols metrics;
   std::vector<float> x(kChannels * kTokens);
   std::array<Person, kMaxPeople> selected;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     set.windows->read(i, x);
     const NetworkOutput output = engine.run(x, links);
-    const std::vector<Skeleton> people = in_room(model.model_to_room(), set.windows->people(i));
-    std::vector<Skeleton> all, found;
+    Answer answer{i, in_room(model.model_to_room(), set.windows->people(i)), {}, {}};
     for (std::size_t q = 0; q < output.logits.size(); ++q)
-      all.push_back(in_room(model.model_to_room(), output.poses.data() + q * 3 * kJoints));
-    const Selected answer = select_people(output, model, selection, selected);
-    if (answer.not_finite)
+      answer.hypotheses.push_back(in_room(model.model_to_room(), output.poses.data() + q * 3 * kJoints));
+    const Selected chosen = select_people(output, model, selection, selected);
+    if (chosen.not_finite)
       throw SetupError(ExitStatus::bad_data,
                        fmt::format("{}: window {} gives numbers that are not finite", model.file_name(), i));
-    for (std::size_t p = 0; p < answer.count; ++p) found.push_back(selected[p].joints);
-    metrics.piw3d.add(all, people);
-    metrics.detect.add(found, people);
-    if (progress) progress(i + 1);
+    for (std::size_t p = 0; p < chosen.count; ++p)
+      answer.found.push_back(detection_of(selected[p], chosen.query[p], output));
+    match_detections(answer.found, answer.people);
+    tell(answer);
   }
-  return metrics;
 }
 
-std::vector<NamedMetrics> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
+Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+                       const std::function<void(const Answer&)>& watch) {
+  Figures figures;
+  ask_model(engine, model, set, links, [&](const Answer& answer) {
+    figures.piw3d.add(answer.hypotheses, answer.people);
+    figures.detect.add(skeletons_of(answer.found), answer.people);
+    for (const Detection& detection : answer.found) {
+      figures.score.add(static_cast<double>(detection.person.score), detection.match != kMissed);
+      if (detection.match == kMissed || std::isnan(detection.person.confidence.front())) continue;
+      for (std::size_t j = 0; j < kJoints; ++j)
+        figures.joints.add(static_cast<double>(detection.person.confidence[j]),
+                           detection.error_m[j] < kConfidentError_m);
+    }
+    if (watch) watch(answer);
+  });
+  return figures;
+}
+
+std::vector<NamedFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
                                            const RoomTransform& model_to_room) {
   const TrainingMeans means = means_of(training, model_to_room);
-  std::vector<NamedMetrics> named = {
+  std::vector<NamedFigures> named = {
       {"mean_pose", {}}, {"mean_at_room", {}}, {"mean_at_root", {}}, {"last_pose", {}}};
   std::vector<Skeleton> last;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
@@ -156,10 +199,10 @@ std::vector<NamedMetrics> evaluate_trivial(const EvaluationSet& training, const 
     std::vector<Skeleton> at_roots;
     for (const Skeleton& person : people) at_roots.push_back(moved(means.about_root, root_of(person)));
     if (i == 0 || set.windows->clip(i) != set.windows->clip(i - 1)) last.clear();
-    add(named[0].metrics, std::vector<Skeleton>(people.size(), means.absolute), people);
-    add(named[1].metrics, std::vector<Skeleton>(people.size(), at_room), people);
-    add(named[2].metrics, at_roots, people);
-    add(named[3].metrics, last, people);
+    add(named[0].figures, std::vector<Skeleton>(people.size(), means.absolute), people);
+    add(named[1].figures, std::vector<Skeleton>(people.size(), at_room), people);
+    add(named[2].figures, at_roots, people);
+    add(named[3].figures, last, people);
     last = people;
   }
   return named;

@@ -21,6 +21,8 @@
 #include "model/engine.h"
 #include "model/metrics.h"
 #include "model/model.h"
+#include "model/postprocess.h"
+#include "train/reliability.h"
 #include "train/window_source.h"
 
 namespace csipose::train {
@@ -33,20 +35,42 @@ struct EvaluationSet {
 /// Throws SetupError as open_window_folder() does, and where no window has a label.
 EvaluationSet open_evaluation_set(const std::filesystem::path& folder);
 
-struct BothProtocols {
-  Metrics piw3d{Protocol::piw3d}, detect{Protocol::detect};
+/// Somebody whom `detect` gives.
+struct Detection {
+  Person person;                         ///< as the daemon would say it
+  float logit = 0;                       ///< before calibration
+  std::array<float, kJoints> sigma_m{};  ///< the head's, before calibration; NaN without that head
+  std::size_t match = kMissed;           ///< who it is among the labelled people, by the matching of `detect`
+  std::array<float, kJoints> error_m{};  ///< of each joint; NaN without a match
 };
 
-/// The model's answers with only `links` encoded. `progress` is told the windows done.
-BothProtocols evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
-                             const std::function<void(std::size_t)>& progress = {});
+/// The model's answer to one window beside who was there; room frame.
+struct Answer {
+  std::size_t window = 0;
+  std::vector<Skeleton> people;      ///< labelled
+  std::vector<Skeleton> hypotheses;  ///< every query's pose
+  std::vector<Detection> found;      ///< best first
+};
+/// Asks about every window with only `links` encoded. Throws SetupError where the answer is not finite.
+void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+               const std::function<void(const Answer&)>& tell);
 
-struct NamedMetrics {
+struct Figures {
+  Metrics piw3d{Protocol::piw3d}, detect{Protocol::detect};
+  /// Of `detect`: the score, against being matched, and the confidence of each joint of those matched, against an error
+  /// under kConfidentError_m. Empty where nothing was stated.
+  Reliability score, joints;
+};
+/// `watch` is told every answer.
+Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+                       const std::function<void(const Answer&)>& watch = {});
+
+struct NamedFigures {
   std::string name;
-  BothProtocols metrics;
+  Figures figures;
 };
 /// The four trivial answers to `set`, with means from `training`.
-std::vector<NamedMetrics> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
+std::vector<NamedFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
                                            const RoomTransform& model_to_room);
 
 }  // namespace csipose::train

@@ -150,6 +150,7 @@ TEST(Model, RefusesMetadataThatIsMissingOrMakesNoSense) {
                                                      {"step", "1.5"},
                                                      {"seed", "x"},
                                                      {"metrics", "[]"},
+                                                     {"calibration", "1"},
                                                      {"joint_order", "[\"neck\"]"},
                                                      {"model_to_room", "[[1,0,0,0],[0,1,0,0]]"},
                                                      {"model_to_room", "[[1,0,0,0],[0,1,0,0],[0,0,2,0]]"},
@@ -247,6 +248,49 @@ TEST(Model, Int8CalibrationIsWrittenAndReplaced) {
   EXPECT_EQ(model->calibration().int8_input_max, (std::map<std::string, float>{{"proj", 3.f}}));
   EXPECT_EQ(model->gate().at("int8").max_joint_shift_m, 0.004);
   EXPECT_EQ(model->gate().at("int8").windows, 100u);
+}
+
+TEST(Model, ConfidencesAreWrittenReplacedAndTakenOut) {
+  Draft draft;
+  std::string names;
+  for (std::size_t i = 0; i < kJoints; ++i)
+    names += (i == 0 ? "[\"" : ",\"") + std::string(kJointNames[kJoints - 1 - i]) + "\"";
+  draft.metadata["joint_order"] = names + "]";
+  draft.metadata["of_others"] = "kept";
+  draft.add("calib.int8.proj", {}, {7});
+  const auto before =
+      SafetensorsFile::parse(pack_safetensors(draft.metadata, draft.tensors), "draft, joints reversed");
+  Calibration calibration;
+  calibration.score = PlattScaling{2, -1};
+  calibration.joint_scale.emplace();
+  calibration.confidence.emplace();
+  for (std::size_t j = 0; j < kJoints; ++j) (*calibration.joint_scale)[j] = 1 + static_cast<float>(j);
+  for (std::size_t i = 0; i < kConfidenceKnots; ++i) {
+    calibration.confidence->raw[i] = static_cast<float>(i) / 20;
+    calibration.confidence->corrected[i] = static_cast<float>(i) / 40;
+  }
+  const auto with = SafetensorsFile::parse(with_confidences(before, calibration, "{\"windows\":3}"), "with");
+  EXPECT_EQ(to_floats(*with.find("calib.joint_scale")).front(), 14) << "in the file's order";
+  const auto model = Model::from(with);
+  EXPECT_EQ(model->calibration().score->a, 2);
+  EXPECT_EQ(model->calibration().score->b, -1);
+  EXPECT_EQ(*model->calibration().joint_scale, *calibration.joint_scale);
+  EXPECT_EQ(model->calibration().confidence->raw, calibration.confidence->raw);
+  EXPECT_EQ(model->calibration().confidence->corrected, calibration.confidence->corrected);
+  EXPECT_EQ(model->calibration().int8_input_max.at("proj"), 7);
+  EXPECT_EQ(model->provenance().confidences, "{\"windows\":3}");
+
+  // Everything else is what it was, and goes back to what it was.
+  auto metadata = with.metadata();
+  metadata.erase("calibration");
+  metadata["content_sha256"] = before.metadata().at("content_sha256");
+  EXPECT_EQ(metadata, before.metadata());
+  EXPECT_EQ(with.tensors().size(), before.tensors().size() + 3);
+  for (const TensorView& view : before.tensors())
+    EXPECT_EQ(to_floats(*with.find(view.name)), to_floats(view)) << view.name;
+  const auto without = SafetensorsFile::parse(with_confidences(with, {}, "{}"), "without");
+  EXPECT_EQ(without.tensors().size(), before.tensors().size());
+  EXPECT_EQ(without.metadata().at("of_others"), "kept");
 }
 
 // The same network written with its joints in another order says the same of each joint.

@@ -40,6 +40,8 @@ TEST_F(Select, BestFirstAboveTheThreshold) {
   EXPECT_NEAR(people[0].score, 1 / (1 + std::exp(-3.0)), 1e-6);
   EXPECT_EQ(people[1].joints[5].x, 1);
   EXPECT_EQ(people[1].joints_raw[13].z, 13);
+  EXPECT_EQ(run(answer).query[0], 2u);
+  EXPECT_EQ(run(answer).query[1], 0u);
 }
 
 TEST_F(Select, OfTwoNearPosesTheBetterStays) {

@@ -1,6 +1,8 @@
 // What ships is what is measured: the engine's own answers as labels give no error, and the trivial answers have closed forms.
 #include "train/evaluation.h"
 
+#include <cmath>
+
 #include "model/config.h"
 #include "proto/npy.h"
 
@@ -38,9 +40,9 @@ Skeleton standing(float x, float y) {
 EvaluationSet set_of(const std::shared_ptr<MadeUp>& windows, std::vector<std::uint8_t> rooms) {
   return {windows, std::move(rooms)};
 }
-const Metrics& piw3d(const std::vector<NamedMetrics>& rows, const std::string& name) {
-  for (const NamedMetrics& row : rows)
-    if (row.name == name) return row.metrics.piw3d;
+const Metrics& piw3d(const std::vector<NamedFigures>& rows, const std::string& name) {
+  for (const NamedFigures& row : rows)
+    if (row.name == name) return row.figures.piw3d;
   throw std::runtime_error("no row " + name);
 }
 
@@ -78,6 +80,58 @@ TEST(EvaluateModel, DetectGivesWhatPassesTheThreshold) {
   EXPECT_EQ(detect.predicted, 0u);
   EXPECT_EQ(detect.count_accuracy(), 0.5);
   EXPECT_EQ(detect.penalised_500, 500);
+}
+
+/// Random weights whose every query is a person with a score near 0.88, and whose joints state their expected errors.
+std::shared_ptr<const Model> sure_model() {
+  NetworkConfig config = preset_config("micro");
+  config.joint_sigma = true;
+  const auto file = SafetensorsFile::parse(random_weights(config, 3, HeadInit::random), "draft");
+  std::vector<TensorView> tensors = file.tensors();
+  const float bias = 2;
+  for (TensorView& view : tensors)
+    if (view.name == "cls_branches.0.bias") view.bytes = ByteView(&bias, sizeof(bias));
+  return Model::from(SafetensorsFile::parse(pack_safetensors(file.metadata(), tensors), "sure"));
+}
+
+TEST(EvaluateModel, WhatIsStatedIsComparedWithWhatCameTrue) {
+  const auto model = sure_model();
+  const auto engine = make_reference_engine(model);
+  const auto windows =
+      std::make_shared<MadeUp>(std::vector<std::vector<Skeleton>>(4), std::vector<std::uint64_t>{0, 0, 0, 0});
+  const EvaluationSet set = set_of(windows, {0, 0, 0, 0});
+  std::vector<Answer> alone;
+  const Figures nobody_there = evaluate_model(*engine, *model, set, LinkSet().set(),
+                                              [&](const Answer& answer) { alone.push_back(answer); });
+  EXPECT_EQ(nobody_there.joints.count(), 0u) << "who is not there has no error";
+  double scores = 0;
+  for (const Answer& answer : alone) {
+    ASSERT_FALSE(answer.found.empty());
+    for (const Detection& detection : answer.found) {
+      EXPECT_EQ(detection.match, kMissed);
+      EXPECT_EQ(person_score(detection.logit, {}), detection.person.score);
+      EXPECT_EQ(detection.sigma_m, detection.person.sigma_m) << "nothing calibrated";
+      scores += static_cast<double>(detection.person.score) / static_cast<double>(nobody_there.score.count());
+    }
+    // Now the best of them is there, all joints 40 mm aside but one, which is a foot away.
+    Skeleton& person = windows->people_[answer.window].emplace_back(answer.found.front().person.joints);
+    for (Point3& joint : person) joint.y += 0.04f;
+    person[9].y += 0.3f;
+  }
+  EXPECT_NEAR(nobody_there.score.expected_error(), scores, 1e-6) << "said so often, true never";
+
+  const Figures there = evaluate_model(*engine, *model, set, LinkSet().set(), [](const Answer& answer) {
+    const Detection& best = answer.found.front();
+    ASSERT_EQ(best.match, 0u);
+    EXPECT_NEAR(best.error_m[8], 0.04, 1e-5);
+    EXPECT_NEAR(best.error_m[9], 0.34, 1e-5);
+  });
+  EXPECT_EQ(there.score.count(), nobody_there.score.count());
+  EXPECT_EQ(there.joints.count(), 4 * kJoints);
+  double confidence = 0;  // of one joint: in random weights much the same for all
+  for (const float value : alone.front().found.front().person.confidence)
+    confidence += static_cast<double>(value) / kJoints;
+  EXPECT_NEAR(there.joints.expected_error(), std::abs(13. / 14 - confidence), 0.02);
 }
 
 TEST(EvaluateTrivial, ClosedForms) {
