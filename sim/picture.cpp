@@ -6,6 +6,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "drawing/brush.h"
 #include "proto/pose.h"
 #include "sim/reference_solver.h"
 
@@ -18,62 +19,9 @@ constexpr int kColumn = 500;      // width of the channel's side, in units of a 
 constexpr double kMargin = 28, kTop = 84, kBottom = 62;
 
 constexpr Colour kPaper{0.955f, 0.955f, 0.945f};
-using Ink = cv::Scalar;  // blue, green, red
-const Ink kInk(52, 44, 40), kPale(140, 134, 128), kWhite(255, 255, 255);
-const Ink kLeftInk(200, 120, 20), kRightInk(40, 90, 235), kMiddleInk(90, 80, 75);
 const Ink kSenderInk(60, 40, 200), kReceiverInk(120, 80, 20);
 
-Ink paper_ink() { return {250, 250, 251}; }
-
 double decibel(double amplitude) { return 20 * std::log10(std::max(amplitude, 1e-12)); }
-
-/// Draws in units of the picture, whatever the page's pixels.
-class Brush {
- public:
-  Brush(cv::Mat& page, double unit_px) : page_(page), unit_px_(unit_px) {}
-
-  void line(glm::dvec2 a, glm::dvec2 b, const Ink& ink, double width) {
-    cv::line(page_, fixed(a), fixed(b), ink, thickness(width), cv::LINE_AA, kShift);
-  }
-  void dot(glm::dvec2 p, double radius, const Ink& ink) {
-    cv::circle(page_, fixed(p), static_cast<int>(radius * unit_px_ * (1 << kShift)), ink, cv::FILLED,
-               cv::LINE_AA, kShift);
-  }
-  void box(glm::dvec2 low, glm::dvec2 high, const Ink& ink) {
-    cv::rectangle(page_, whole(low), whole(high), ink, cv::FILLED);
-  }
-  void frame(glm::dvec2 low, glm::dvec2 high, const Ink& ink, double width) {
-    cv::rectangle(page_, whole(low), whole(high), ink, thickness(width), cv::LINE_AA);
-  }
-  /// `height`: of capitals. `at`: left end of the base line.
-  void text(glm::dvec2 at, const std::string& words, double height, const Ink& ink, double weight = 1) {
-    cv::putText(page_, words, whole(at), cv::FONT_HERSHEY_SIMPLEX, height * unit_px_ / kCapital, ink,
-                thickness(weight), cv::LINE_AA);
-  }
-  double text_width(const std::string& words, double height) const {
-    int base = 0;
-    return cv::getTextSize(words, cv::FONT_HERSHEY_SIMPLEX, height * unit_px_ / kCapital, 1, &base).width /
-           unit_px_;
-  }
-  cv::Rect area(glm::dvec2 low, glm::dvec2 high) const { return {whole(low), whole(high)}; }
-  cv::Mat& page() { return page_; }
-
- private:
-  static constexpr int kShift = 4;
-  static constexpr double kCapital = 21;  // height of a capital letter of that font at scale 1
-
-  cv::Point fixed(glm::dvec2 p) const {
-    p *= unit_px_ * (1 << kShift);
-    return {static_cast<int>(p.x), static_cast<int>(p.y)};
-  }
-  cv::Point whole(glm::dvec2 p) const {
-    return {static_cast<int>(std::lround(p.x * unit_px_)), static_cast<int>(std::lround(p.y * unit_px_))};
-  }
-  int thickness(double width) const { return std::max(1, static_cast<int>(std::lround(width * unit_px_))); }
-
-  cv::Mat& page_;
-  double unit_px_;
-};
 
 Ink colour_of_level(double level, int colours) {
   const cv::Mat grey(1, 1, CV_8UC1, cv::Scalar(255 * std::clamp(level, 0.0, 1.0)));
@@ -115,21 +63,6 @@ std::vector<Colour> colours_of(const std::vector<Body>& bodies, std::size_t peop
   return colours;
 }
 
-enum class SideOf { left, right, middle };
-SideOf side_of(std::string_view joint) {
-  return joint.starts_with("left")    ? SideOf::left
-         : joint.starts_with("right") ? SideOf::right
-                                      : SideOf::middle;
-}
-/// A bone between the sides, or within the trunk's middle, belongs to neither.
-Ink ink_of_bone(std::size_t a, std::size_t b) {
-  const SideOf from = side_of(kJointNames[a]), to = side_of(kJointNames[b]);
-  const SideOf side = from == SideOf::middle               ? to
-                      : to == SideOf::middle || from == to ? from
-                                                           : SideOf::middle;
-  return side == SideOf::left ? kLeftInk : side == SideOf::right ? kRightInk : kMiddleInk;
-}
-
 struct DrawnPath {
   double level_db;
   std::vector<Vec3> points;
@@ -147,7 +80,7 @@ class Picture::Page {
         now_(now),
         unit_px_(kFine * options_.width / 1600.0),
         height_(1600.0 * options_.height / options_.width),
-        page_(options_.height * kFine, options_.width * kFine, CV_8UC3, paper_ink()),
+        page_(options_.height * kFine, options_.width * kFine, CV_8UC3, kPaperInk),
         brush_(page_, unit_px_),
         low_{kMargin, kTop},
         high_{1600 - kColumn - 2 * kMargin, height_ - kBottom - 10} {
@@ -162,7 +95,7 @@ class Picture::Page {
     draw_room();
     if (options_.paths > 0) draw_paths();
     if (options_.skeletons)
-      for (const Joints& person : now_.people()) draw_skeleton(person);
+      for (const Joints& person : now_.people()) draw_person(person);
     draw_devices();
     draw_titles();
     draw_legend();
@@ -232,16 +165,10 @@ class Picture::Page {
     cv::addWeighted(page_, 0.75, before, 0.25, 0, page_);
   }
 
-  void draw_skeleton(const Joints& person) {
-    const auto joint = [&](std::size_t j) { return person[j]; };
-    for (const auto& [a, b] : kBones) line_between(joint(a), joint(b), kWhite, 3.6);
-    for (const auto& [a, b] : kBones) line_between(joint(a), joint(b), ink_of_bone(a, b), 2.0);
-    for (std::size_t j = 0; j < kJoints; ++j)
-      if (const auto p = at(person[j])) {
-        const SideOf side = side_of(kJointNames[j]);
-        brush_.dot(*p, 3.5, kWhite);
-        brush_.dot(*p, 2.5, side == SideOf::left ? kLeftInk : side == SideOf::right ? kRightInk : kMiddleInk);
-      }
+  void draw_person(const Joints& person) {
+    DrawnJoints joints;
+    for (std::size_t j = 0; j < kJoints; ++j) joints[j] = at(person[j]);
+    draw_skeleton(brush_, joints);
   }
 
   void draw_devices() {
@@ -268,7 +195,7 @@ class Picture::Page {
     line_between(antennas.front(), antennas.back(), ink, 3);
     const auto p = at(middle), top = at(middle + Vec3{0, 0, kMast_m});
     if (!p || !top) return;
-    brush_.dot(*p, 5.5, kWhite);
+    brush_.dot(*p, 5.5, kWhiteInk);
     brush_.dot(*p, 4.2, ink);
     draw_tag(*top + glm::dvec2{0, -12}, name, ink);
   }
@@ -285,7 +212,7 @@ class Picture::Page {
     const glm::dvec2 low{foot.x - half, foot.y - kHeight - 2 * kPad}, high{foot.x + half, foot.y};
     tags_.push_back({low.x, low.y, high.x, high.y});
     brush_.box(low, high, ink);
-    brush_.text({low.x + kPad, high.y - kPad}, words, kHeight, kWhite, 1.3);
+    brush_.text({low.x + kPad, high.y - kPad}, words, kHeight, kWhiteInk, 1.3);
   }
 
   void draw_titles() {
@@ -296,7 +223,7 @@ class Picture::Page {
       words += fmt::format("     room {:.1f} x {:.1f} x {:.1f} m, floor grid 1 m", scene.room.size_m.x,
                            scene.room.size_m.y, scene.room.size_m.z);
     words += fmt::format("     {:.2f} GHz, {:.0f} packets/s", scene.carrier_hz / 1e9, 1 / now_.step_s());
-    brush_.text({kMargin, 68}, words, 9.5, kPale);
+    brush_.text({kMargin, 68}, words, 9.5, kPaleInk);
   }
 
   void draw_legend() {
@@ -322,14 +249,14 @@ class Picture::Page {
   void draw_scale(glm::dvec2 low, glm::dvec2 high, int colours, double top_db) {
     const std::string from = fmt::format("{:.0f}", top_db - kRange_db), to = fmt::format("{:.0f} dB", top_db);
     const double shift = brush_.text_width(from, 9) + 8;
-    brush_.text({low.x, high.y}, from, 9, kPale);
+    brush_.text({low.x, high.y}, from, 9, kPaleInk);
     low.x += shift, high.x += shift;
     const cv::Rect area = brush_.area(low, high);
     cv::Mat ramp(1, 256, CV_8UC1), coloured;
     for (int i = 0; i < 256; ++i) ramp.at<std::uint8_t>(0, i) = static_cast<std::uint8_t>(i);
     cv::applyColorMap(ramp, coloured, colours);
     cv::resize(coloured, page_(area), area.size(), 0, 0, cv::INTER_LINEAR);
-    brush_.text({high.x + 8, high.y}, to, 9, kPale);
+    brush_.text({high.x + 8, high.y}, to, 9, kPaleInk);
   }
 
   // The channel's past, time to the right.
@@ -378,7 +305,7 @@ class Picture::Page {
     const Scene& scene = now_.still();
     const double left = 1600 - kColumn + 4, right = 1600 - kMargin, top_db = top_level_db();
     brush_.text({left - 22, 42}, "Channel |H|, subcarriers over time", 11.5, kInk, 1.2);
-    brush_.text({left - 22, 68}, "three antennas A, B, C of each receiver", 9.5, kPale);
+    brush_.text({left - 22, 68}, "three antennas A, B, C of each receiver", 9.5, kPaleInk);
     const double block = (height_ - kBottom - kTop) / static_cast<double>(scene.receivers.size());
     for (std::size_t r = 0; r < scene.receivers.size(); ++r) {
       const double y = kTop + static_cast<double>(r) * block;
@@ -389,7 +316,7 @@ class Picture::Page {
         const double strip_y = y + 20 + static_cast<double>(a) * strip;
         draw_link({left, strip_y}, {right, strip_y + strip - 4}, r, a, top_db);
         brush_.text({left - 20, strip_y + strip / 2 + 3}, std::string(1, static_cast<char>('A' + a)), 9,
-                    kPale);
+                    kPaleInk);
       }
     }
     draw_time_axis(left, right);
@@ -400,8 +327,8 @@ class Picture::Page {
     const int digits = now_.past_s() < 1 ? 2 : 1;
     const std::string now = fmt::format("{:.{}f} s", now_.time_s(), digits),
                       then = fmt::format("{:.{}f} s", now_.time_s() - now_.past_s(), digits);
-    brush_.text({left, y + 12}, then, 9, kPale);
-    brush_.text({right - brush_.text_width(now, 9), y + 12}, now, 9, kPale);
+    brush_.text({left, y + 12}, then, 9, kPaleInk);
+    brush_.text({right - brush_.text_width(now, 9), y + 12}, now, 9, kPaleInk);
   }
 
   const Picture& picture_;
