@@ -3,20 +3,25 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
 
 #include "model/safetensors.h"
 #include "proto/result.h"
 #include "train/commands.h"
 #include "train/engine_options.h"
 #include "train/evaluation.h"
+#include "train/evaluation_picture.h"
 
 namespace csipose::train {
 namespace {
+
+constexpr std::size_t kSheetWindows = 12;
 
 struct Options {
   std::string model, data, training, out;
@@ -111,12 +116,44 @@ void write_report(const Options& options, const Model& model, const Engine& engi
     if (row.figures.joints.count() > 0)
       results["calibration"]["joints"] = reliability_json(row.figures.joints);
   }
+  write_file_atomically(std::filesystem::path(options.out) / "metrics.json", ByteView(report.dump(1) + "\n"));
+}
+
+void make_folder(const std::string& folder) {
   std::error_code error;
-  std::filesystem::create_directories(options.out, error);
+  std::filesystem::create_directories(folder, error);
   if (error)
     throw SetupError(ExitStatus::cannot_create,
-                     fmt::format("{} cannot be made: {}", options.out, error.message()));
-  write_file_atomically(std::filesystem::path(options.out) / "metrics.json", ByteView(report.dump(1) + "\n"));
+                     fmt::format("{} cannot be made: {}", folder, error.message()));
+}
+
+/// What the pictures show of the answers with all links.
+struct Seen {
+  std::vector<std::size_t> windows;  ///< of the sheet
+  std::vector<Answer> answers;
+  std::vector<Detection> detections;
+
+  void look(const Answer& answer) {
+    detections.insert(detections.end(), answer.found.begin(), answer.found.end());
+    if (std::binary_search(windows.begin(), windows.end(), answer.window)) answers.push_back(answer);
+  }
+};
+
+void write_pictures(const Options& options, const Seen& seen, const std::vector<NamedFigures>& rows) {
+  const std::string title = fmt::format("{} on {}", std::filesystem::path(options.model).filename().string(),
+                                        std::filesystem::path(options.data).filename().string());
+  std::vector<NamedFigures> compared = {rows.front()};
+  for (const NamedFigures& row : rows)
+    if (row.name == "mean_at_room" || row.name == "mean_at_root") compared.push_back(row);
+  const std::filesystem::path folder = options.out;
+  const auto write = [&](const char* name, const cv::Mat& picture) {
+    std::vector<std::uint8_t> png;
+    cv::imencode(".png", picture, png);
+    write_file_atomically(folder / name, png);
+  };
+  write("skeletons.png", draw_sheet(seen.answers, title));
+  write("joints.png", draw_joint_errors(seen.detections, title));
+  write("counts.png", draw_error_by_count(compared, title));
 }
 
 void run(const Options& options) {
@@ -127,9 +164,12 @@ void run(const Options& options) {
   fmt::print("{} ({}), {} windows of {}\n", options.model, engine->describe(), set.windows->size(),
              options.data);
   const bool watched = ::isatty(STDERR_FILENO) == 1;
+  if (!options.out.empty()) make_folder(options.out);  // better now than after an hour
+  Seen seen{spread_windows(*set.windows, kSheetWindows), {}, {}};
   std::vector<NamedFigures> rows;
   for (const auto& [name, links] : link_choices(options.drop_receivers))
     rows.push_back({name, evaluate_model(*engine, *model, set, links, [&, what = name](const Answer& answer) {
+                      if (rows.empty()) seen.look(answer);
                       if (watched && answer.window % 100 == 0)
                         fmt::print(stderr, "\r{} {}/{} ", what, answer.window, set.windows->size());
                     })});
@@ -139,7 +179,9 @@ void run(const Options& options) {
   print_table(Protocol::detect, rows);
   print_table(Protocol::piw3d, rows);
   print_reliability(rows);
-  if (!options.out.empty()) write_report(options, *model, *engine, rows);
+  if (options.out.empty()) return;
+  write_report(options, *model, *engine, rows);
+  write_pictures(options, seen, rows);
 }
 
 }  // namespace
@@ -154,7 +196,7 @@ void add_eval(CLI::App& app) {
   command
       ->add_option("--train", options->training, "folder of windows that were: the mean poses come from it")
       ->required();
-  command->add_option("--out", options->out, "folder for metrics.json");
+  command->add_option("--out", options->out, "folder for metrics.json and pictures");
   add_engine_options(*command, options->engine);
   command->add_flag("--drop-receivers", options->drop_receivers,
                     "also with each receiver, and each two, absent");
