@@ -71,9 +71,9 @@ struct GateFigures {
 struct Provenance {
   std::string stage;  ///< "untrained", "pretrained", "finetuned"
   std::uint64_t step = 0, seed = 0;
-  std::string git;      ///< commit of the program that wrote it
-  std::string corpus;   ///< what it was trained on; empty when on nothing
-  std::string metrics;  ///< JSON object as the evaluation printed it; "{}" when there is none
+  std::string git;                 ///< commit of the program that wrote it
+  std::string corpus;              ///< what it was trained on; empty when on nothing
+  std::string metrics;             ///< JSON object as the evaluation printed it; "{}" when there is none
   std::string confidences = "{}";  ///< JSON object: on what they were calibrated, and with what success
 };
 
