@@ -25,7 +25,8 @@ nlohmann::ordered_json account_of(const ConfidenceFit& fit, const EvaluationSet&
                                     {"windows", set.windows->size()},
                                     {"found", fit.found},
                                     {"matched", fit.matched}};
-  account["ece_score"] = {fit.score.before.expected_error(), fit.score.after.expected_error()};
+  if (fit.found > 0)
+    account["ece_score"] = {fit.score.before.expected_error(), fit.score.after.expected_error()};
   if (fit.joints.after.count() > 0)
     account["ece_joints"] = {fit.joints.before.expected_error(), fit.joints.after.expected_error()};
   return account;
@@ -62,13 +63,14 @@ void run(const Options& options) {
   const std::shared_ptr<const Model> model = Model::from(file);
   const EvaluationSet set = open_evaluation_set(options.data);
   const std::unique_ptr<Engine> engine = make_engine(options.engine, model);
-  std::vector<Detection> detections;
+  std::vector<Detection> found, faint;
   ask_model(*engine, *model, set, LinkSet().set(), [&](const Answer& answer) {
-    detections.insert(detections.end(), answer.found.begin(), answer.found.end());
+    found.insert(found.end(), answer.found.begin(), answer.found.end());
+    faint.insert(faint.end(), answer.faint.begin(), answer.faint.end());
   });
   fmt::print("{} ({}), {} windows of {}: {} people found\n", options.model, engine->describe(),
-             set.windows->size(), options.data, detections.size());
-  const ConfidenceFit fit = fit_confidences(detections, model->calibration());
+             set.windows->size(), options.data, found.size());
+  const ConfidenceFit fit = fit_confidences(found, faint, model->calibration());
   if (!fit.calibration.score && !fit.calibration.joint_scale)
     throw SetupError(
         ExitStatus::bad_data,

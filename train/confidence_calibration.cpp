@@ -33,10 +33,11 @@ std::vector<Verdict> joint_verdicts(std::span<const Detection> detections, const
   return verdicts;
 }
 
-std::vector<Verdict> logit_verdicts(std::span<const Detection> detections) {
+std::vector<Verdict> logit_verdicts(std::span<const Detection> found, std::span<const Detection> faint) {
   std::vector<Verdict> verdicts;
-  for (const Detection& detection : detections)
-    verdicts.push_back({static_cast<double>(detection.logit), detection.match != kMissed});
+  for (const auto detections : {found, faint})
+    for (const Detection& detection : detections)
+      verdicts.push_back({static_cast<double>(detection.logit), detection.match != kMissed});
   return verdicts;
 }
 
@@ -57,21 +58,22 @@ Reliability joint_reliability(std::span<const Detection> detections, const Calib
 
 }  // namespace
 
-ConfidenceFit fit_confidences(std::span<const Detection> detections, const Calibration& before) {
+ConfidenceFit fit_confidences(std::span<const Detection> found, std::span<const Detection> faint,
+                              const Calibration& before) {
   ConfidenceFit fit;
   bool joints = false;
-  for (const Detection& detection : detections) {
+  for (const Detection& detection : found) {
     ++fit.found;
     fit.matched += detection.match != kMissed;
     joints = joints || has_joints(detection);
   }
-  fit.calibration.score = fit_platt(logit_verdicts(detections));
+  fit.calibration.score = fit_platt(logit_verdicts(found, faint));
   if (joints) {
-    fit.calibration.joint_scale = fit_joint_scale(detections);
-    fit.calibration.confidence = fit_curve(joint_verdicts(detections, fit.calibration));
+    fit.calibration.joint_scale = fit_joint_scale(found);
+    fit.calibration.confidence = fit_curve(joint_verdicts(found, fit.calibration));
   }
-  fit.score = {score_reliability(detections, before), score_reliability(detections, fit.calibration)};
-  fit.joints = {joint_reliability(detections, before), joint_reliability(detections, fit.calibration)};
+  fit.score = {score_reliability(found, before), score_reliability(found, fit.calibration)};
+  fit.joints = {joint_reliability(found, before), joint_reliability(found, fit.calibration)};
   return fit;
 }
 

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <numeric>
+#include <utility>
 
 #include "proto/npy.h"
 #include "proto/result.h"
@@ -112,14 +114,21 @@ Detection detection_of(const Person& person, std::size_t query, const NetworkOut
   return detection;
 }
 
-/// Says of each detection who it is, and how far off.
-void match_detections(std::vector<Detection>& found, std::span<const Skeleton> people) {
-  const std::vector<std::size_t> matches = match(Protocol::detect, skeletons_of(found), people);
-  for (std::size_t p = 0; p < people.size(); ++p) {
-    if (matches[p] == kMissed) continue;
-    Detection& detection = found[matches[p]];
-    detection.match = p;
-    const auto errors_mm = joint_errors_mm(detection.person.joints, people[p]);
+/// Says of each detection who it is of the people that are left, and how far off; takes those away.
+void match_detections(std::vector<Detection>& detections, std::span<const Skeleton> people,
+                      std::vector<std::size_t>& left) {
+  std::vector<Skeleton> wanted;
+  for (const std::size_t person : left) wanted.push_back(people[person]);
+  const std::vector<std::size_t> matches = match(Protocol::detect, skeletons_of(detections), wanted);
+  const std::vector<std::size_t> before = std::exchange(left, {});
+  for (std::size_t p = 0; p < wanted.size(); ++p) {
+    if (matches[p] == kMissed) {
+      left.push_back(before[p]);
+      continue;
+    }
+    Detection& detection = detections[matches[p]];
+    detection.match = before[p];
+    const auto errors_mm = joint_errors_mm(detection.person.joints, wanted[p]);
     for (std::size_t j = 0; j < kJoints; ++j) detection.error_m[j] = static_cast<float>(errors_mm[j] / 1000);
   }
 }
@@ -147,13 +156,14 @@ EvaluationSet open_evaluation_set(const std::filesystem::path& folder) {
 
 void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
                const std::function<void(const Answer&)>& tell) {
-  const Selection selection{kMaxPeople, threshold(model.calibration()), kNmsDistance_m};
+  const Selection selection{kMaxPeople, 0, kNmsDistance_m};
+  const float least = threshold(model.calibration());
   std::vector<float> x(kChannels * kTokens);
   std::array<Person, kMaxPeople> selected;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     set.windows->read(i, x);
     const NetworkOutput output = engine.run(x, links);
-    Answer answer{i, in_room(model.model_to_room(), set.windows->people(i)), {}, {}};
+    Answer answer{i, in_room(model.model_to_room(), set.windows->people(i)), {}, {}, {}};
     for (std::size_t q = 0; q < output.logits.size(); ++q)
       answer.hypotheses.push_back(in_room(model.model_to_room(), output.poses.data() + q * 3 * kJoints));
     const Selected chosen = select_people(output, model, selection, selected);
@@ -161,8 +171,12 @@ void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, Lin
       throw SetupError(ExitStatus::bad_data,
                        fmt::format("{}: window {} gives numbers that are not finite", model.file_name(), i));
     for (std::size_t p = 0; p < chosen.count; ++p)
-      answer.found.push_back(detection_of(selected[p], chosen.query[p], output));
-    match_detections(answer.found, answer.people);
+      (selected[p].score >= least ? answer.found : answer.faint)
+          .push_back(detection_of(selected[p], chosen.query[p], output));
+    std::vector<std::size_t> left(answer.people.size());
+    std::iota(left.begin(), left.end(), std::size_t{0});
+    match_detections(answer.found, answer.people, left);
+    match_detections(answer.faint, answer.people, left);
     tell(answer);
   }
 }

@@ -35,12 +35,12 @@ struct EvaluationSet {
 /// Throws SetupError as open_window_folder() does, and where no window has a label.
 EvaluationSet open_evaluation_set(const std::filesystem::path& folder);
 
-/// Somebody whom `detect` gives.
+/// Somebody whom `detect` gives, or would give with a lower threshold.
 struct Detection {
   Person person;                         ///< as the daemon would say it
   float logit = 0;                       ///< before calibration
   std::array<float, kJoints> sigma_m{};  ///< the head's, before calibration; NaN without that head
-  std::size_t match = kMissed;           ///< who it is among the labelled people, by the matching of `detect`
+  std::size_t match = kMissed;           ///< who it is among the labelled people
   std::array<float, kJoints> error_m{};  ///< of each joint; NaN without a match
 };
 
@@ -49,7 +49,10 @@ struct Answer {
   std::size_t window = 0;
   std::vector<Skeleton> people;      ///< labelled
   std::vector<Skeleton> hypotheses;  ///< every query's pose
-  std::vector<Detection> found;      ///< best first
+  std::vector<Detection> found;      ///< whom `detect` gives and how it matches them, best first
+  /// Below the threshold, after the same pose-NMS, best first; with those found at most kMaxPeople. Matched as in `detect`
+  /// to the people whom those found have left.
+  std::vector<Detection> faint;
 };
 /// Asks about every window with only `links` encoded. Throws SetupError where the answer is not finite.
 void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,

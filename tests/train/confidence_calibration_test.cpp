@@ -32,7 +32,7 @@ std::vector<Detection> made_up(bool sigma_head) {
 }
 
 TEST(FitConfidences, GivesBackWhatTheDataWereMadeWith) {
-  const ConfidenceFit fit = fit_confidences(made_up(true), {});
+  const ConfidenceFit fit = fit_confidences(made_up(true), {}, {});
   EXPECT_EQ(fit.found, kPeople);
   ASSERT_TRUE(fit.calibration.score && fit.calibration.joint_scale && fit.calibration.confidence);
   EXPECT_NEAR(fit.calibration.score->a, 2, 0.2);
@@ -53,21 +53,42 @@ TEST(FitConfidences, GivesBackWhatTheDataWereMadeWith) {
 
 TEST(FitConfidences, WhatWasFittedNeedsNoSecondFit) {
   const std::vector<Detection> found = made_up(true);
-  const ConfidenceFit once = fit_confidences(found, {}), twice = fit_confidences(found, once.calibration);
+  const ConfidenceFit once = fit_confidences(found, {}, {}),
+                      twice = fit_confidences(found, {}, once.calibration);
   EXPECT_EQ(twice.score.before.expected_error(), once.score.after.expected_error());
   EXPECT_EQ(twice.joints.before.expected_error(), once.joints.after.expected_error());
   EXPECT_EQ(twice.calibration.score->a, once.calibration.score->a) << "fitted to what the network said";
 }
 
 TEST(FitConfidences, WithoutTheHeadOnlyTheScore) {
-  const ConfidenceFit fit = fit_confidences(made_up(false), {});
+  const ConfidenceFit fit = fit_confidences(made_up(false), {}, {});
   EXPECT_TRUE(fit.calibration.score);
   EXPECT_FALSE(fit.calibration.joint_scale || fit.calibration.confidence);
   EXPECT_EQ(fit.joints.before.count(), 0u);
 }
 
+// All found were there: only the fainter ones say where the score must fall, and they are not in what is reported.
+TEST(FitConfidences, TheFaintHoldTheCurveDown) {
+  const auto person = [](float logit, std::size_t match) {
+    Detection detection;
+    detection.logit = logit;
+    detection.match = match;
+    detection.error_m.fill(match == kMissed ? kUnknown : 0.1f);
+    detection.sigma_m.fill(kUnknown);
+    return detection;
+  };
+  const std::vector<Detection> found(98, person(1, 0)), faint(198, person(-3, kMissed));
+  EXPECT_FALSE(fit_confidences(found, {}, {}).calibration.score);
+  const ConfidenceFit fit = fit_confidences(found, faint, {});
+  ASSERT_TRUE(fit.calibration.score);
+  EXPECT_NEAR(person_score(1, fit.calibration), 0.99, 1e-4);
+  EXPECT_NEAR(person_score(-3, fit.calibration), 0.005, 1e-4);
+  EXPECT_EQ(fit.score.after.count(), 98u);
+  EXPECT_NEAR(fit.score.after.expected_error(), 0.01, 1e-4);
+}
+
 TEST(FitConfidences, NobodyFoundGivesNothing) {
-  const ConfidenceFit fit = fit_confidences({}, {});
+  const ConfidenceFit fit = fit_confidences({}, {}, {});
   EXPECT_FALSE(fit.calibration.score || fit.calibration.joint_scale || fit.calibration.confidence);
 }
 
@@ -76,7 +97,7 @@ TEST(FitConfidences, AreReadBackByTheModel) {
   NetworkConfig config = preset_config("micro");
   config.joint_sigma = true;
   const auto file = SafetensorsFile::parse(random_weights(config, 3, HeadInit::random), "draft");
-  const Calibration fitted = fit_confidences(made_up(true), {}).calibration;
+  const Calibration fitted = fit_confidences(made_up(true), {}, {}).calibration;
   const auto model = Model::from(SafetensorsFile::parse(with_confidences(file, fitted, "{}"), "calibrated"));
   for (const float logit : {-3.f, 0.f, 2.f})
     EXPECT_EQ(person_score(logit, model->calibration()), person_score(logit, fitted));

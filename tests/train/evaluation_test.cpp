@@ -82,20 +82,19 @@ TEST(EvaluateModel, DetectGivesWhatPassesTheThreshold) {
   EXPECT_EQ(detect.penalised_500, 500);
 }
 
-/// Random weights whose every query is a person with a score near 0.88, and whose joints state their expected errors.
-std::shared_ptr<const Model> sure_model() {
+/// Random weights whose every query has a logit near `bias`, and whose joints state their expected errors.
+std::shared_ptr<const Model> model_with_logits_near(float bias) {
   NetworkConfig config = preset_config("micro");
   config.joint_sigma = true;
   const auto file = SafetensorsFile::parse(random_weights(config, 3, HeadInit::random), "draft");
   std::vector<TensorView> tensors = file.tensors();
-  const float bias = 2;
   for (TensorView& view : tensors)
     if (view.name == "cls_branches.0.bias") view.bytes = ByteView(&bias, sizeof(bias));
-  return Model::from(SafetensorsFile::parse(pack_safetensors(file.metadata(), tensors), "sure"));
+  return Model::from(SafetensorsFile::parse(pack_safetensors(file.metadata(), tensors), "made by the test"));
 }
 
 TEST(EvaluateModel, WhatIsStatedIsComparedWithWhatCameTrue) {
-  const auto model = sure_model();
+  const auto model = model_with_logits_near(2);
   const auto engine = make_reference_engine(model);
   const auto windows =
       std::make_shared<MadeUp>(std::vector<std::vector<Skeleton>>(4), std::vector<std::uint64_t>{0, 0, 0, 0});
@@ -132,6 +131,30 @@ TEST(EvaluateModel, WhatIsStatedIsComparedWithWhatCameTrue) {
   for (const float value : alone.front().found.front().person.confidence)
     confidence += static_cast<double>(value) / kJoints;
   EXPECT_NEAR(there.joints.expected_error(), std::abs(13. / 14 - confidence), 0.02);
+}
+
+TEST(EvaluateModel, TheFaintAreMatchedToThoseWhoAreLeft) {
+  const auto model = model_with_logits_near(-6);
+  const auto engine = make_reference_engine(model);
+  const auto windows =
+      std::make_shared<MadeUp>(std::vector<std::vector<Skeleton>>(1), std::vector<std::uint64_t>{0});
+  const EvaluationSet set = set_of(windows, {0});
+  const auto ask = [&] {
+    Answer seen;
+    const Figures figures =
+        evaluate_model(*engine, *model, set, LinkSet().set(), [&](const Answer& answer) { seen = answer; });
+    EXPECT_EQ(figures.score.count(), 0u) << "nobody is said to be there";
+    EXPECT_EQ(figures.detect.all().predicted, 0u);
+    return seen;
+  };
+  const Answer alone = ask();
+  EXPECT_TRUE(alone.found.empty());
+  ASSERT_FALSE(alone.faint.empty());
+  EXPECT_EQ(alone.faint.front().match, kMissed);
+  windows->people_[0] = {standing(50, 50), alone.faint.front().person.joints};
+  const Answer there = ask();
+  EXPECT_EQ(there.faint.front().match, 1u);
+  EXPECT_EQ(there.faint.front().error_m[0], 0);
 }
 
 TEST(EvaluateTrivial, ClosedForms) {
