@@ -201,15 +201,8 @@ class WindowArrays {
   NpyWriter<std::int64_t> time_ns_, slot_;
 };
 
-/// Calls use(packet) with every packet of the files.
-template <class Use>
-void for_each_packet(const std::vector<std::string>& files, double rate_hz, Use use) {
-  const std::unique_ptr<PacketSource> source =
-      open_replay({.files = files, .rate_hz = rate_hz, .loop = false});
-  Packet packet;
-  for (SourceEvent event = source->poll(Nanoseconds(0), packet); event != SourceEvent::closed;
-       event = source->poll(Nanoseconds(0), packet))
-    if (event == SourceEvent::packet) use(packet);
+std::unique_ptr<PacketSource> open_files(const std::vector<std::string>& files, double rate_hz) {
+  return open_replay({.files = files, .rate_hz = rate_hz, .loop = false});
 }
 
 }  // namespace
@@ -229,22 +222,8 @@ std::size_t convert_to_tensor(const std::vector<std::string>& files, const fs::p
   FrontEnd front_end(options.front_end);
   make_folder(folder);
   WindowArrays arrays(folder);
-  const auto window = std::make_unique<Window>();
-  const auto take = [&] {
-    front_end.take(*window);
-    arrays.add(*window);
-  };
-  for_each_packet(files, options.rate_hz, [&](const Packet& packet) {
-    while (const auto due = front_end.next()) {
-      if (packet.arrival <= due->last_sample + options.jitter) break;
-      take();
-    }
-    front_end.add(packet);
-  });
-  while (const auto due = front_end.next()) {
-    if (due->end_slot > front_end.newest_slot()) break;
-    take();
-  }
+  for_each_window(*open_files(files, options.rate_hz), front_end, options.jitter,
+                  [&](const Window& window) { arrays.add(window); });
   if (arrays.count() == 0)
     throw SetupError(
         ExitStatus::bad_data,
@@ -268,7 +247,7 @@ std::uint64_t convert_to_recording(const std::vector<std::string>& files, const 
     const auto refused = [&] {
       return SetupError(ExitStatus::io, fmt::format("cannot write {}: {}", recording, writer.error()));
     };
-    for_each_packet(files, rate_hz, [&](const Packet& packet) {
+    for_each_packet(*open_files(files, rate_hz), [&](const Packet& packet) {
       if (!writer.add(packet)) throw refused();
       ++packets;
     });

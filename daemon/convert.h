@@ -23,7 +23,7 @@
 #include <string>
 #include <vector>
 
-#include "capture/front_end.h"
+#include "capture/recorded_windows.h"
 
 namespace csipose {
 
@@ -40,8 +40,8 @@ void convert_to_npy(const std::string& file, const std::filesystem::path& folder
 
 struct TensorOptions {
   FrontEndConfig front_end;
-  double rate_hz = 0;                                  ///< of .dat files whose NIC clock is unusable
-  Nanoseconds jitter = std::chrono::milliseconds(15);  ///< how long a window waits for stragglers
+  double rate_hz = 0;                 ///< of .dat files whose NIC clock is unusable
+  Nanoseconds jitter = kUsualJitter;  ///< how long a window waits for stragglers
 };
 
 /// Runs one recording, or one to three .dat files (file i is receiver i), through the front end and writes its windows.
