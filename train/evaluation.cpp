@@ -8,7 +8,6 @@
 #include <numeric>
 #include <utility>
 
-#include "proto/npy.h"
 #include "proto/result.h"
 #include "train/window_folder.h"
 
@@ -143,14 +142,8 @@ EvaluationSet open_evaluation_set(const std::filesystem::path& folder) {
   if (!labelled)
     throw SetupError(ExitStatus::bad_data,
                      fmt::format("{} has no labelled people; evaluation needs labels.npy", folder.string()));
-  set.rooms.assign(set.windows->size(), 0);
-  const std::filesystem::path rooms = folder / "room.npy";
-  if (!std::filesystem::exists(rooms)) return set;
-  NpyArray<std::uint8_t> array = read_npy<std::uint8_t>(rooms);
-  if (array.shape != NpyShape{set.windows->size()})
-    throw SetupError(ExitStatus::bad_data,
-                     fmt::format("{}: has not one number for each window", rooms.string()));
-  set.rooms = std::move(array.data);
+  set.rooms = read_rooms(folder, set.windows->size());
+  set.rooms.resize(set.windows->size());  // without room.npy: one room for all
   return set;
 }
 

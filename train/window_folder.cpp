@@ -6,17 +6,14 @@
 #include <cstring>
 
 #include "proto/npy.h"
-#include "proto/result.h"
+#include "train/label_rows.h"
 #include "train/mapped_file.h"
+#include "train/refuse.h"
 
 namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
-
-[[noreturn]] void refuse(const fs::path& path, const std::string& why) {
-  throw SetupError(ExitStatus::bad_data, fmt::format("{}: {}", path.string(), why));
-}
 
 class WindowFolder : public WindowSource {
  public:
@@ -55,20 +52,12 @@ class WindowFolder : public WindowSource {
     if (labels.shape.size() != 4 || labels.shape[0] != size() || labels.shape[2] != kJoints ||
         labels.shape[3] != 3)
       refuse(path, fmt::format("is no array of shape ({}, people, 14, 3)", size()));
-    const float* next = labels.data.data();
-    for (std::size_t i = 0; i < size(); ++i)
-      for (std::size_t p = 0; p < labels.shape[1]; ++p, next += 3 * kJoints) add_person(path, i, next);
-  }
-
-  void add_person(const fs::path& path, std::size_t window, const float* xyz_m) {
-    std::size_t missing = 0;
-    for (std::size_t k = 0; k < 3 * kJoints; ++k) missing += std::isfinite(xyz_m[k]) ? 0 : 1;
-    if (missing == 3 * kJoints) return;
-    if (missing > 0)
-      refuse(path, fmt::format("window {} has a person of whom some joints are no numbers", window));
-    Skeleton person;
-    for (std::size_t j = 0; j < kJoints; ++j) person[j] = {xyz_m[3 * j], xyz_m[3 * j + 1], xyz_m[3 * j + 2]};
-    people_[window].push_back(person);
+    const std::size_t width = labels.shape[1] * kPoseNumbers;
+    for (std::size_t i = 0; i < size(); ++i) {
+      auto people = people_of_row(std::span(labels.data).subspan(i * width, width));
+      if (!people) refuse(path, fmt::format("window {} has a person of whom some joints are no numbers", i));
+      people_[i] = std::move(*people);
+    }
   }
 
   fs::path folder_;
@@ -82,6 +71,14 @@ class WindowFolder : public WindowSource {
 
 std::shared_ptr<const WindowSource> open_window_folder(const fs::path& folder) {
   return std::make_shared<WindowFolder>(folder);
+}
+
+std::vector<std::uint8_t> read_rooms(const fs::path& folder, std::size_t windows) {
+  const fs::path path = folder / "room.npy";
+  if (!fs::exists(path)) return {};
+  NpyArray<std::uint8_t> rooms = read_npy<std::uint8_t>(path);
+  if (rooms.shape != NpyShape{windows}) refuse(path, "has not one number for each window");
+  return std::move(rooms.data);
 }
 
 }  // namespace csipose::train

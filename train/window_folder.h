@@ -4,12 +4,15 @@
 //   clip.npy      uint32 (n): windows of one clip are held out together
 //   labels.npy    float32 (n, P, 14, 3), where there are labels: joints of up to P people in metres in the label frame;
 //                 not a number where nobody is
+//   room.npy      uint8 (n), where the rooms are known
+//   about.json    what the set was made from, the rooms' names; may be missing
 //
 // The windows are mapped, not loaded: the set may be larger than memory.
 #pragma once
 
 #include <filesystem>
 #include <memory>
+#include <vector>
 
 #include "train/window_source.h"
 
@@ -17,5 +20,7 @@ namespace csipose::train {
 
 /// Throws SetupError (no_input, bad_data) that names file and reason.
 std::shared_ptr<const WindowSource> open_window_folder(const std::filesystem::path& folder);
+/// room.npy, one number a window; empty where there is none. Throws SetupError (bad_data).
+std::vector<std::uint8_t> read_rooms(const std::filesystem::path& folder, std::size_t windows);
 
 }  // namespace csipose::train

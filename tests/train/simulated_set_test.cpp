@@ -1,5 +1,5 @@
 // A simulated set to a folder of windows: every number in its place, losses filled as in a stream, splits kept.
-#include "train/simulated_windows.h"
+#include "train/simulated_set.h"
 
 #include <unistd.h>
 
@@ -7,6 +7,7 @@
 
 #include "capture/sanitise.h"
 #include "proto/npy.h"
+#include "train/convert.h"
 #include "train/window_folder.h"
 
 namespace csipose::train {
@@ -17,7 +18,7 @@ constexpr std::size_t kRows = 6;  // clips 0 0 0 1 1 2
 constexpr std::size_t kStream = kSubcarriers * kAntennas * 2;
 const std::vector<std::uint32_t> kClips = {0, 0, 0, 1, 1, 2};
 
-class SimulatedWindows : public ::testing::Test {
+class SimulatedSet : public ::testing::Test {
  protected:
   void SetUp() override {
     std::mt19937 random(7);
@@ -40,9 +41,12 @@ class SimulatedWindows : public ::testing::Test {
     std::ofstream(set() / "dataset.json")
         << R"({"plan": {"made_by": {"rate_hz": "300"}, "splits": {"train": [[0, 0], [2, 2]], "val": []}}})";
   }
+  Converted converted(const std::string& split = "") const {
+    return convert({set(), folder_ / "out", {.split = split, .env_map = {}}}, [](const std::string&) {});
+  }
   std::string refusal(const std::string& split = "") const {
     try {
-      convert_simulated({set(), folder_ / "out", split});
+      (void)converted(split);
     } catch (const SetupError& error) {
       return error.what();
     }
@@ -81,9 +85,9 @@ class SimulatedWindows : public ::testing::Test {
   std::vector<float> labels_ = std::vector<float>(kRows * 3 * kJoints * 3);
 };
 
-TEST_F(SimulatedWindows, EveryNumberInItsPlace) {
+TEST_F(SimulatedSet, EveryNumberInItsPlace) {
   write();
-  EXPECT_EQ(convert_simulated({set(), folder_ / "out", ""}).windows, kRows);
+  EXPECT_EQ(converted().windows, kRows);
   const auto source = open_window_folder(folder_ / "out");
   ASSERT_EQ(source->size(), kRows);
   for (const std::size_t row : {0u, 4u})
@@ -94,14 +98,14 @@ TEST_F(SimulatedWindows, EveryNumberInItsPlace) {
   EXPECT_EQ(source->people(4)[1][2].y, 4 * 126 + 42 + 7);
 }
 
-TEST_F(SimulatedWindows, FillsFromTheRowBeforeButNotFromAnotherClip) {
+TEST_F(SimulatedSet, FillsFromTheRowBeforeButNotFromAnotherClip) {
   lose(1, 0, 2), lose(1, 1, 2);                 // filled from the last snapshot of row 0
   lose(3, 0, 2);                                // nothing before it in its clip
   lose(4, 5, 0), lose(4, 6, 0), lose(4, 7, 0);  // longer than the daemon fills
   write();
-  const Converted converted = convert_simulated({set(), folder_ / "out", ""});
-  EXPECT_EQ(converted.windows, 4u);
-  EXPECT_EQ(converted.incomplete, 2u);
+  const Converted done = converted();
+  EXPECT_EQ(done.windows, 4u);
+  EXPECT_EQ(done.left_out.incomplete, 2u);
   const auto source = open_window_folder(folder_ / "out");
   expect_sample(window(*source, 1), 0, 2, csi(0, 19, 2));
   expect_sample(window(*source, 1), 1, 2, csi(0, 19, 2));
@@ -110,15 +114,47 @@ TEST_F(SimulatedWindows, FillsFromTheRowBeforeButNotFromAnotherClip) {
   EXPECT_EQ(source->people(3)[0][0].x, 5 * 126);
 }
 
-TEST_F(SimulatedWindows, KeepsToASplit) {
+TEST_F(SimulatedSet, HalvesAndComplexNumbersAreTheSameChannel) {
   write();
-  EXPECT_EQ(convert_simulated({set(), folder_ / "out", "train"}).windows, 4u);
+  fs::remove(set() / "csi.npy");
+  std::mt19937 random(5);
+  constexpr std::size_t kRow = kSamples * kSubcarriers * kReceivers * kAntennas;
+  std::vector<std::complex<float>> h(kRows * kRow);
+  std::vector<std::uint16_t> halves;
+  std::vector<float> rms(kRows);
+  for (std::size_t row = 0; row < kRows; ++row) {
+    rms[row] = 0.25f * static_cast<float>(row + 1);
+    for (std::size_t i = 0; i < kRow; ++i) {
+      // float16 1 + n / 1024 is 0x3c00 + n.
+      const std::uint16_t re = random() % 1024, im = random() % 1024;
+      halves.insert(halves.end(),
+                    {static_cast<std::uint16_t>(0x3c00 + re), static_cast<std::uint16_t>(0xbc00 + im)});
+      h[row * kRow + i] =
+          rms[row] * std::complex(1 + static_cast<float>(re) / 1024, -1 - static_cast<float>(im) / 1024);
+    }
+  }
+  write_npy<std::complex<float>>(set() / "h.npy", {kRows, kSamples, kSubcarriers, kReceivers, kAntennas}, h);
+  EXPECT_EQ(converted().windows, kRows);
+  fs::rename(folder_ / "out", folder_ / "complex");
+  NpyFile half(set() / "h.npy", "<f2", 2, {kSamples, kSubcarriers, kReceivers, kAntennas, 2});
+  half.append(ByteView(halves.data(), 2 * halves.size()));
+  half.finish();
+  EXPECT_NE(refusal().find("h.npy: is no array"), std::string::npos);  // h_rms.npy is not there
+  write_npy<float>(set() / "h_rms.npy", {kRows}, rms);
+  EXPECT_EQ(converted().windows, kRows);
+  const auto one = open_window_folder(folder_ / "complex"), other = open_window_folder(folder_ / "out");
+  for (std::size_t row = 0; row < kRows; ++row) EXPECT_EQ(window(*one, row), window(*other, row));
+}
+
+TEST_F(SimulatedSet, KeepsToASplit) {
+  write();
+  EXPECT_EQ(converted("train").windows, 4u);
   EXPECT_EQ(open_window_folder(folder_ / "out")->clip(3), 2u);
   EXPECT_NE(refusal().find("holds windows already"), std::string::npos);
 }
 
-TEST_F(SimulatedWindows, SaysWhatIsWrongAndLeavesNoSet) {
-  EXPECT_NE(refusal().find("dataset.json cannot be read"), std::string::npos);
+TEST_F(SimulatedSet, SaysWhatIsWrongAndLeavesNoSet) {
+  EXPECT_NE(refusal().find("is no data set"), std::string::npos);
   write();
   EXPECT_NE(refusal("tset").find("has no split \"tset\""), std::string::npos);
   EXPECT_NE(refusal("val").find("no complete window in split val"), std::string::npos);
