@@ -7,6 +7,7 @@
 
 #include "train/commands.h"
 #include "train/convert.h"
+#include "train/profile.h"
 
 namespace csipose::train {
 namespace {
@@ -43,6 +44,14 @@ void run_convert(const ConvertJob& job) {
   fmt::print("\n");
 }
 
+void run_profile(const ConvertJob& job) {
+  Warnings warnings;
+  const auto set = open_data_set(job.from, job.options);
+  Profile profile(set->about());
+  set->read([&](const LabelledWindow& window) { profile.add(window); }, warnings.printer());
+  fmt::print("{}", profile.describe());
+}
+
 void add_published_options(CLI::App& command, DataSetOptions& options) {
   command.add_option(
       "--env-map", options.env_map,
@@ -74,6 +83,14 @@ void add_convert(CLI::App& dataset) {
   command->callback([job] { run_convert(*job); });
 }
 
+void add_profile(CLI::App& dataset) {
+  auto job = std::make_shared<ConvertJob>();
+  CLI::App* command = dataset.add_subcommand(
+      "profile", "windows by scene and people, amplitudes, bones, axes; of a folder of windows too");
+  add_source_options(*command, *job);
+  command->callback([job] { run_profile(*job); });
+}
+
 }  // namespace
 
 void add_dataset(CLI::App& app) {
@@ -81,6 +98,7 @@ void add_dataset(CLI::App& app) {
       app.add_subcommand("dataset", "data sets to the form that training reads; what they look like");
   dataset->require_subcommand(1);
   add_convert(*dataset);
+  add_profile(*dataset);
 }
 
 }  // namespace csipose::train
