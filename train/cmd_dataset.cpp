@@ -8,6 +8,7 @@
 #include "train/commands.h"
 #include "train/convert.h"
 #include "train/profile.h"
+#include "train/split.h"
 
 namespace csipose::train {
 namespace {
@@ -52,6 +53,12 @@ void run_profile(const ConvertJob& job) {
   fmt::print("{}", profile.describe());
 }
 
+void run_split(const SplitJob& job) {
+  Warnings warnings;
+  for (const SplitPart& part : split(job, warnings.printer()))
+    fmt::print("{}: {} windows\n", (job.to / part.name).string(), part.windows);
+}
+
 void add_published_options(CLI::App& command, DataSetOptions& options) {
   command.add_option(
       "--env-map", options.env_map,
@@ -91,6 +98,34 @@ void add_profile(CLI::App& dataset) {
   command->callback([job] { run_profile(*job); });
 }
 
+void add_split(CLI::App& dataset) {
+  auto job = std::make_shared<SplitJob>();
+  CLI::App* command = dataset.add_subcommand("split", "a set to several folders of windows");
+  command->add_option("--from", job->from, "folder of windows; with --by lists a published or simulated set")
+      ->required();
+  command->add_option("--out", job->to, "folder in which each part gets its own")->required();
+  auto by = std::make_shared<std::string>();
+  command
+      ->add_option("--by", *by,
+                   "lists: its own splits; environment: each by itself; clip: whole clips; window: windows "
+                   "of every clip")
+      ->required()
+      ->check(CLI::IsMember({"lists", "environment", "clip", "window"}));
+  command->add_option("--share", job->share, "of clips or windows that are drawn")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command->add_option("--seed", job->seed, "which are drawn")->capture_default_str();
+  add_published_options(*command, job->options);
+  command->callback([job, by] {
+    const std::map<std::string, SplitBy> ways = {{"lists", SplitBy::lists},
+                                                 {"environment", SplitBy::environment},
+                                                 {"clip", SplitBy::clip},
+                                                 {"window", SplitBy::window}};
+    job->by = ways.at(*by);
+    run_split(*job);
+  });
+}
+
 }  // namespace
 
 void add_dataset(CLI::App& app) {
@@ -99,6 +134,7 @@ void add_dataset(CLI::App& app) {
   dataset->require_subcommand(1);
   add_convert(*dataset);
   add_profile(*dataset);
+  add_split(*dataset);
 }
 
 }  // namespace csipose::train
