@@ -101,8 +101,8 @@ class HeaderParser {
 
 /// Bytes per number of a type that we read; nullopt for all others.
 std::optional<std::size_t> number_bytes(std::string_view descr) {
-  static constexpr std::string_view kTypes[] = {"<f2", "<f4", "<f8", "<c8", "|i1", "|u1", "<i2",
-                                                "<u2", "<i4", "<u4", "<i8", "<u8"};
+  static constexpr std::string_view kTypes[] = {"<f2", "<f4", "<f8", "<c8", "|i1", "|u1",
+                                                "<i2", "<u2", "<i4", "<u4", "<i8", "<u8"};
   if (descr == "<c16") return 16;
   for (const std::string_view type : kTypes)
     if (descr == type) return static_cast<std::size_t>(type[2] - '0');
