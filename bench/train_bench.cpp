@@ -1,20 +1,28 @@
-// bench/train - windows a second of a training step, beside the bare matmuls of the same shapes.
+// train_bench - windows a second of a training step, beside the bare matmuls of the same shapes; bench/train runs it beside
+// PyTorch.
 //
-//     build/release/bin/train_bench [PRESET...] [--threads N] [--steps N]
+//     build/release/bin/train_bench [PRESET...] [--threads N] [--steps N] [--json] [--parts]
 //
 // For each preset, for pre-training (batch 64, link masking) and fine-tuning (batch 32, one to three people), in float32 and
 // with bfloat16 operands: windows a second of whole steps (data, forward, backward, optimiser), windows a second if only the
 // step's matmuls were done, forward and backward, one after the other on operands that are there; and their ratio.
+//
+// With one thread, times are processor time, which others' work disturbs less than the clock on the wall.
+// --parts: where a step's time goes, by libtorch's operators without what they call.
+#include <ATen/record_function.h>
 #include <fmt/core.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <chrono>
+#include <algorithm>
+#include <atomic>
+#include <ctime>
 #include <filesystem>
-#include <fstream>
-#include <sstream>
+#include <map>
+#include <numeric>
 #include <vector>
 
+#include "proto/result.h"
 #include "tests/train/made_up_set.h"
 #include "train/finetune.h"
 #include "train/losses.h"
@@ -24,9 +32,18 @@
 namespace csipose::train {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-double seconds_since(Clock::time_point begin) {
-  return std::chrono::duration<double>(Clock::now() - begin).count();
+struct Options {
+  std::vector<std::string> presets{"micro", "tiny", "small"};
+  std::vector<std::string> objectives{"pretrain", "finetune"}, precisions{"f32", "bf16"};
+  RunSettings machine;
+  int steps = 4;
+  bool json = false, parts = false;
+};
+
+double now_s() {
+  timespec time{};
+  ::clock_gettime(at::get_num_threads() == 1 ? CLOCK_PROCESS_CPUTIME_ID : CLOCK_MONOTONIC, &time);
+  return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
 /// `batch` products of (m, k) and (k, n), `count` times a step.
@@ -112,9 +129,9 @@ double product_s(const Product& p, at::ScalarType type, bool backward) {
   once();
   double best = HUGE_VAL;
   for (int round = 0; round < 3; ++round) {
-    const Clock::time_point begin = Clock::now();
+    const double begin = now_s();
     once();
-    best = std::min(best, seconds_since(begin));
+    best = std::min(best, now_s() - begin);
   }
   return p.count * best;
 }
@@ -126,62 +143,180 @@ double bound_s(const Step& step, at::ScalarType type) {
   return sum;
 }
 
+/// From start() to stop(), what libtorch's operators take, each without the operators that it calls.
+class Parts {
+ public:
+  void start() {
+    sums_.clear();
+    handle_ =
+        at::addGlobalCallback(at::RecordFunctionCallback(&begin, &end)
+                                  .scopes({at::RecordScope::FUNCTION, at::RecordScope::BACKWARD_FUNCTION}));
+    all_s_ = -now_s();
+  }
+  void stop() {
+    all_s_ += now_s();
+    at::removeCallback(handle_);
+  }
+  void print() const {
+    std::vector<std::pair<double, std::string>> order;
+    double sum = 0;
+    for (const auto& [name, self_s] : sums_) order.emplace_back(self_s, name), sum += self_s;
+    order.emplace_back(all_s_ - sum, "(no operator)");
+    std::sort(order.rbegin(), order.rend());
+    for (const auto& [self_s, name] : order)
+      if (self_s > 0.01 * all_s_) fmt::print("    {:4.1f} %  {}\n", 100 * self_s / all_s_, name);
+  }
+
+ private:
+  struct Call {
+    std::string name;
+    double begin_s, inner_s;
+  };
+  static std::unique_ptr<at::ObserverContext> begin(const at::RecordFunction& function) {
+    calls_.push_back({function.name(), now_s(), 0});
+    return nullptr;
+  }
+  static void end(const at::RecordFunction&, at::ObserverContext*) {
+    const Call call = calls_.back();
+    calls_.pop_back();
+    const double took_s = now_s() - call.begin_s;
+    sums_[call.name] += took_s - call.inner_s;
+    if (!calls_.empty()) calls_.back().inner_s += took_s;
+  }
+
+  // libtorch calls functions, not objects: there is one of these at a time.
+  static inline std::vector<Call> calls_;
+  static inline std::map<std::string, double> sums_;
+  at::CallbackHandle handle_ = 0;
+  double all_s_ = 0;
+};
+
+/// Says when each batch was asked for: steps begin there. The first step warms up, the last one's end nobody sees.
+class ClockedSet : public testing::MadeUpSet {
+ public:
+  ClockedSet(std::size_t batch, std::size_t steps, Parts* parts)
+      : MadeUpSet(batch * steps, 3, 1), batch_(batch), begins_(steps), parts_(parts) {}
+  void read(std::size_t i, std::span<float> x) const override {
+    if (const std::size_t read = reads_++; read % batch_ == 0) begin(read / batch_);
+    MadeUpSet::read(i, x);
+  }
+  double least_step_s() const {
+    double least = HUGE_VAL;
+    for (std::size_t i = 2; i < begins_.size(); ++i) least = std::min(least, begins_[i] - begins_[i - 1]);
+    return least;
+  }
+
+ private:
+  void begin(std::size_t step) const {
+    if (parts_ != nullptr && step == 1) parts_->start();
+    if (parts_ != nullptr && step + 1 == begins_.size()) parts_->stop();
+    begins_[step] = now_s();
+  }
+
+  std::size_t batch_;
+  mutable std::atomic<std::size_t> reads_ = 0;
+  mutable std::vector<double> begins_;
+  Parts* parts_;
+};
+
+std::size_t batch_of(const std::string& objective) {
+  return static_cast<std::size_t>(objective == "pretrain" ? RunSettings().pretrain.batch
+                                                          : RunSettings().finetune.batch);
+}
+
 /// Seconds of one whole step, the least of some.
-double step_s(bool pre, const std::string& preset, const char* precision, int steps) {
+double step_s(const std::string& objective, const std::string& preset, const std::string& precision,
+              int steps, Parts* parts = nullptr) {
   RunSettings settings;
   settings.network.preset = preset;
   settings.run.precision = precision;
-  settings.run.checkpoint_minutes = 1e6;
-  settings.run.log_s = 0;
+  settings.run.checkpoint_minutes = settings.run.log_s = 1e6;
   settings.data.hold_out = 0;
-  settings.run.stop_after_steps = steps;
+  settings.data.norm = "none";
+  settings.run.stop_after_steps = steps + 2;
   const auto folder =
       std::filesystem::temp_directory_path() / fmt::format("csipose_train_bench_{}", ::getpid());
   settings.run.out = folder.string();
-  const int batch = pre ? settings.pretrain.batch : settings.finetune.batch;
   settings.finetune.lose_receiver = settings.finetune.lose_two_receivers = settings.finetune.lose_links = 0;
-  Pool pool({std::make_shared<testing::MadeUpSet>(static_cast<std::size_t>(batch) * (steps + 1), 3, 1)});
-  (pre ? pretrain : finetune)(settings, pool, Workers());
-  double fastest = 0;
-  std::ifstream log(folder / "log.csv");
-  for (std::string line; std::getline(log, line);)
-    if (line.rfind("step,", 0) == 0) {
-      std::istringstream cells(line);
-      std::string cell;
-      for (int i = 0; i < 4; ++i) std::getline(cells, cell, ',');
-      fastest = std::max(fastest, std::stod(cell));
-    }
+  const auto set =
+      std::make_shared<ClockedSet>(batch_of(objective), static_cast<std::size_t>(steps) + 2, parts);
+  Pool pool({set});
+  (objective == "pretrain" ? pretrain : finetune)(settings, pool, Workers());
   std::filesystem::remove_all(folder);
-  return batch / fastest;
+  return set->least_step_s();
 }
 
-void measure(const std::string& preset, int steps) {
+/// Numbers that the objective learns.
+std::size_t learned_numbers(const std::string& objective, const NetworkConfig& config) {
+  if (objective == "finetune") return parameter_count(config);
+  std::vector<TensorSpec> specs = predictor_tensors(predictor_shape(config.preset), config.dim);
+  for (const TensorSpec& spec : required_tensors(config))
+    if (spec.name.rfind("encoder.", 0) == 0) specs.push_back(spec);
+  std::size_t numbers = 0;
+  for (const TensorSpec& spec : specs)
+    numbers += std::accumulate(spec.shape.begin(), spec.shape.end(), std::size_t{1}, std::multiplies<>());
+  return numbers;
+}
+
+/// The configuration as JSON, and the predictor's sizes with it.
+std::string sizes_of(const NetworkConfig& config) {
+  const PredictorShape p = predictor_shape(config.preset);
+  std::string json = to_json(config);
+  json.insert(json.size() - 1, fmt::format(",\"predictor\":[{},{},{}]", p.dim, p.depth, p.heads));
+  return json;
+}
+
+void measure(const Options& options, const std::string& preset, const std::string& objective,
+             const std::string& precision) {
   const NetworkConfig config = preset_config(preset);
-  for (const bool pre : {true, false})
-    for (const char* precision : {"f32", "bf16"}) {
-      const std::size_t batch = pre ? RunSettings().pretrain.batch : RunSettings().finetune.batch;
-      const at::ScalarType type = precision == std::string_view("bf16") ? at::kBFloat16 : at::kFloat;
-      const double whole = step_s(pre, preset, precision, steps);
-      const double bound = bound_s(pre ? pretraining(config, batch) : finetuning(config, batch), type);
-      const auto windows = static_cast<double>(batch);
-      fmt::print("{:6} {:8} {:4}  {:7.1f} windows/s  bound {:7.1f}  {:4.2f}\n", preset,
-                 pre ? "pretrain" : "finetune", precision, windows / whole, windows / bound, bound / whole);
-      std::fflush(stdout);
-    }
+  const std::size_t batch = batch_of(objective);
+  const at::ScalarType type = precision == "bf16" ? at::kBFloat16 : at::kFloat;
+  const double whole = step_s(objective, preset, precision, options.steps);
+  const double bound =
+      bound_s(objective == "pretrain" ? pretraining(config, batch) : finetuning(config, batch), type);
+  const auto windows = static_cast<double>(batch);
+  if (options.json)
+    fmt::print("{{\"step_s\":{:.6f},\"bound_s\":{:.6f},\"windows\":{},\"parameters\":{},\"sizes\":{}}}\n",
+               whole, bound, batch, learned_numbers(objective, config), sizes_of(config));
+  else
+    fmt::print("{:6} {:8} {:4}  {:7.1f} windows/s  bound {:7.1f}  {:4.2f}\n", preset, objective, precision,
+               windows / whole, windows / bound, bound / whole);
+  std::fflush(stdout);
+}
+
+void measure_all(const Options& options) {
+  prepare_machine(options.machine);
+  if (options.parts && at::get_num_threads() != 1)
+    throw SetupError(ExitStatus::usage, "--parts adds up one thread's calls; say --threads 1");
+  for (const std::string& preset : options.presets)
+    for (const std::string& objective : options.objectives)
+      for (const std::string& precision : options.precisions) {
+        measure(options, preset, objective, precision);
+        if (!options.parts) continue;
+        Parts parts;
+        step_s(objective, preset, precision, options.steps, &parts);
+        parts.print();
+      }
 }
 
 }  // namespace
 }  // namespace csipose::train
 
-int main(int argc, char** argv) {
+int main(int argc, char** argv) try {
   CLI::App app("train_bench: windows a second of training steps beside their matmuls");
-  std::vector<std::string> presets{"micro", "tiny", "small"};
-  csipose::train::RunSettings machine;
-  int steps = 4;
-  app.add_option("presets", presets, "paper, base, small, tiny, micro");
-  app.add_option("--threads", machine.run.threads, "0: as many as the machine has");
-  app.add_option("--steps", steps, "of which the fastest counts");
+  csipose::train::Options options;
+  app.add_option("presets", options.presets, "paper, base, small, tiny, micro");
+  app.add_option("--objectives", options.objectives)
+      ->delimiter(',')
+      ->check(CLI::IsMember({"pretrain", "finetune"}));
+  app.add_option("--precisions", options.precisions)->delimiter(',')->check(CLI::IsMember({"f32", "bf16"}));
+  app.add_option("--threads", options.machine.run.threads, "0: as many as the machine has");
+  app.add_option("--steps", options.steps, "of which the fastest counts")->check(CLI::PositiveNumber);
+  app.add_flag("--json", options.json, "one JSON object a line");
+  app.add_flag("--parts", options.parts, "where a step's time goes, by operator; one thread");
   CLI11_PARSE(app, argc, argv);
-  csipose::train::prepare_machine(machine);
-  for (const std::string& preset : presets) csipose::train::measure(preset, steps);
+  csipose::train::measure_all(options);
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "train_bench: %s\n", error.what());
+  return 1;
 }
