@@ -33,7 +33,7 @@ at::Tensor layer_norm(const Parameters& weights, const std::string& name, const 
 }
 
 at::Tensor dropped(const at::Tensor& x, const Numerics& numerics) {
-  return numerics.dropout > 0 ? at::dropout(x, numerics.dropout, /*train=*/true) : x;
+  return numerics.dropout > 0 ? dropout(x, numerics.dropout) : x;
 }
 
 /// (B, N, C) to (B, heads, N, C / heads).
@@ -149,6 +149,16 @@ at::Tensor position_code(std::size_t width) {
 }
 
 at::Tensor tokens_of(const at::Tensor& windows) { return windows.flatten(2).transpose(1, 2).contiguous(); }
+
+at::Tensor dropout(const at::Tensor& x, double share) {
+  constexpr double kChances = 65536;
+  const std::int64_t left_out = std::llround(share * kChances), numbers = x.numel();
+  const at::Tensor drawn = at::empty({(numbers + 3) / 4}, x.options().dtype(at::kLong))
+                               .random_(INT64_MIN, c10::optional<std::int64_t>());
+  const at::Tensor quarters = drawn.view(at::kShort).narrow(0, 0, numbers).view(x.sizes());
+  const double kept = 1 - static_cast<double>(left_out) / kChances;
+  return x * (quarters >= left_out - 32768).to(x.scalar_type()).mul_(1 / kept);
+}
 
 at::Tensor gather_rows(const at::Tensor& x, const at::Tensor& idx) {
   return x.gather(1, idx.unsqueeze(-1).expand({idx.size(0), idx.size(1), x.size(2)}));

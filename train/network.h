@@ -39,6 +39,10 @@ at::Tensor encode(const Parameters& weights, const std::string& prefix, const En
                   const at::Tensor& tokens, const at::Tensor& visible, const Numerics& numerics,
                   std::vector<at::Tensor>* blocks = nullptr);
 
+/// x with a `share` of its numbers 0, which ones by libtorch's generator, and the others larger so that the mean stays.
+/// Sixteen drawn bits decide on each; at::dropout draws 64, and its drawing was a twentieth of a step.
+at::Tensor dropout(const at::Tensor& x, double share);
+
 /// rows of x (B, N, C) that idx (B, n) names: (B, n, C).
 at::Tensor gather_rows(const at::Tensor& x, const at::Tensor& idx);
 

@@ -58,6 +58,26 @@ at::Tensor made_up_windows(std::int64_t count, std::uint64_t seed) {
 
 // ---- golden networks ----
 
+TEST(Dropout, LeavesOutTheShareAndKeepsTheMean) {
+  at::manual_seed(3);
+  for (const at::ScalarType type : {at::kFloat, at::kBFloat16}) {
+    const at::Tensor x = at::ones({7, 11, 1301}, type).requires_grad_(true);  // no multiple of four
+    const at::Tensor y = dropout(x, 0.25);
+    const auto share = [](const at::Tensor& chosen) { return chosen.to(at::kDouble).mean().item<double>(); };
+    EXPECT_NEAR(share(y == 0), 0.25, 0.005);
+    EXPECT_EQ(share(y == y.max()), 1 - share(y == 0));
+    EXPECT_NEAR(y.max().item<double>(), 4. / 3, 0.005);
+    y.sum().backward();
+    EXPECT_TRUE(x.grad().equal(y.detach())) << "what was left out does not learn";
+  }
+  const at::Tensor x = at::rand({5, 3});
+  at::manual_seed(4);
+  const at::Tensor first = dropout(x, 0.5), other = dropout(x, 0.5);
+  at::manual_seed(4);
+  EXPECT_TRUE(first.equal(dropout(x, 0.5)));
+  EXPECT_FALSE(first.equal(other));
+}
+
 TEST(Encoder, IsTheGoldenOneWithAllAndWithSomeTokens) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const at::NoGradGuard no_gradients;
