@@ -114,7 +114,7 @@ at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
       write_tokens(x, scaling_[source], numbers + b * static_cast<std::int64_t>(kWindowNumbers));
     }
   });
-  return out;
+  return out.to(device_);
 }
 
 People Pool::people_of(std::span<const std::uint64_t> windows) const {
@@ -135,6 +135,7 @@ People Pool::people_of(std::span<const std::uint64_t> windows) const {
         *pose++ = joint.z;
       }
   }
+  out.poses = out.poses.to(device_);
   return out;
 }
 

@@ -34,6 +34,8 @@ class Pool {
   void set_scaling(const Normalisation& scaling) { scaling_.assign(sources_.size(), scaling); }
   const std::vector<Normalisation>& scaling() const { return scaling_; }
 
+  /// Where the tensors below are given; the CPU at first.
+  void give_on(const at::Device& device) { device_ = device; }
   /// Tokens (windows, 180, 60), scaled.
   at::Tensor tokens(std::span<const std::uint64_t> windows) const;
   People people_of(std::span<const std::uint64_t> windows) const;
@@ -44,6 +46,7 @@ class Pool {
   std::vector<std::shared_ptr<const WindowSource>> sources_;
   std::vector<std::size_t> first_;  // of each source, and the end
   std::vector<Normalisation> scaling_;
+  at::Device device_ = at::kCPU;
 };
 
 struct Split {

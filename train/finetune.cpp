@@ -127,7 +127,9 @@ class Poses3d : public Objective {
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures& figures) override {
     if (sigma_phase(now) && now.step == pose_steps(now) + 1) begin_sigma_phase();
     seed_dropout(now);
-    const at::Tensor tokens = pool_.tokens(windows), left = surviving_tokens(settings_, now, windows);
+    const at::Tensor tokens = pool_.tokens(windows);
+    at::Tensor left = surviving_tokens(settings_, now, windows);
+    if (left.defined()) left = left.to(tokens.device());
     const People people = pool_.people_of(windows);
     const double matched = workers_.average(matched_people(people, left));
     if (sigma_phase(now)) return sigma_only(tokens, left, people, matched);
@@ -254,7 +256,7 @@ void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::
   std::int64_t people = 0;
   for (const std::uint64_t window : windows) {
     const People there = pool.people_of(std::span(&window, 1));
-    sum += there.poses.flatten(0, 1).sum(at::IntArrayRef{0}, false, at::kDouble);
+    sum += there.poses.to(at::kCPU).flatten(0, 1).sum(at::IntArrayRef{0}, false, at::kDouble);
     people += there.count[0];
   }
   if (people == 0)
@@ -363,10 +365,12 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
   if (network_of(settings).joint_sigma)
     plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
   if (settings.data.norm == "corpus") pool.measure_scaling(split.train);
-  const Numerics numerics = choose_numerics(settings, resumed);
-  Poses3d poses(settings, pool, split, workers,
-                resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics),
-                numerics);
+  const at::Device device = device_of(settings, workers);
+  const Numerics numerics = choose_numerics(settings, resumed, device);
+  Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics);
+  weights.parameters.move_to(device);
+  pool.give_on(device);
+  Poses3d poses(settings, pool, split, workers, std::move(weights), numerics);
   if (resumed) poses.optimiser().restore(resumed->optimiser, resumed->step);
   return run_loop(poses, plan, settings, workers, folder, resumed ? resumed->step : 0);
 }

@@ -277,14 +277,15 @@ std::string first_difference(const std::string& then, const std::string& now) {
   return "its length";
 }
 
-double matmul_s(at::ScalarType type) {
+double matmul_s(const at::TensorOptions& options) {
   const at::NoGradGuard no_gradients;
-  const at::Tensor x = at::ones({2048, 256}, type), w = at::ones({1024, 256}, type);
-  at::linear(x, w);
+  const at::Tensor x = at::ones({2048, 256}, options), w = at::ones({1024, 256}, options);
+  const auto once = [&] { at::linear(x, w)[0][0].item(); };  // a device is waited for
+  once();
   double best = HUGE_VAL;
   for (int round = 0; round < 5; ++round) {
     const Clock::time_point begin = Clock::now();
-    at::linear(x, w);
+    once();
     best = std::min(best, seconds_since(begin));
   }
   return best;
@@ -333,10 +334,23 @@ std::optional<Checkpoint> checkpoint_to_resume(const CheckpointFolder& folder, c
   return found;
 }
 
-Numerics choose_numerics(const RunSettings& settings, const std::optional<Checkpoint>& resumed) {
+at::Device device_of(const RunSettings& settings, const Workers& workers) {
+  const auto devices = static_cast<int>(torch::cuda::device_count());
+  if (settings.run.device == "cuda" && devices == 0)
+    throw SetupError(
+        ExitStatus::unavailable,
+        "run.device is cuda, but this libtorch sees no such device; take cpu or auto, or build with a "
+        "libtorch that has CUDA (-DTORCH_ROOT=DIR)");
+  if (settings.run.device == "cpu" || devices == 0) return at::kCPU;
+  return {at::kCUDA, static_cast<at::DeviceIndex>(workers.rank() % devices)};
+}
+
+Numerics choose_numerics(const RunSettings& settings, const std::optional<Checkpoint>& resumed,
+                         const at::Device& device) {
   std::string precision = settings.run.precision;
   if (precision == "auto" && resumed) precision = resumed->weights.metadata.at("numerics");
-  if (precision == "auto") precision = matmul_s(at::kBFloat16) < 0.9 * matmul_s(at::kFloat) ? "bf16" : "f32";
+  const auto of = [&](at::ScalarType type) { return matmul_s(at::TensorOptions(device).dtype(type)); };
+  if (precision == "auto") precision = of(at::kBFloat16) < 0.9 * of(at::kFloat) ? "bf16" : "f32";
   return {precision == "bf16" ? at::kBFloat16 : at::kFloat, 0};
 }
 

@@ -72,7 +72,12 @@ Outcome run_loop(Objective& objective, const LoopPlan& plan, const RunSettings& 
 /// settings; threads, log, checkpoint and stop may differ.
 std::optional<Checkpoint> checkpoint_to_resume(const CheckpointFolder& folder, const RunSettings& settings);
 
-/// The type of matmul operands: as set, or as the checkpoint has it, or the faster of the two on this machine.
-Numerics choose_numerics(const RunSettings& settings, const std::optional<Checkpoint>& resumed);
+/// Where this process computes. Several processes of a host take its CUDA devices in turn, by rank. Throws SetupError
+/// (unavailable) when run.device is cuda and there is none.
+at::Device device_of(const RunSettings& settings, const Workers& workers);
+
+/// The type of matmul operands: as set, or as the checkpoint has it, or the faster of the two on this device.
+Numerics choose_numerics(const RunSettings& settings, const std::optional<Checkpoint>& resumed,
+                         const at::Device& device);
 
 }  // namespace csipose::train

@@ -87,6 +87,10 @@ void Parameters::merge(const Parameters& other) {
   for (const auto& [name, tensor] : other) set(name, tensor);
 }
 
+void Parameters::move_to(const at::Device& device) {
+  for (auto& [name, tensor] : tensors_) tensor = tensor.to(device);
+}
+
 std::int64_t Parameters::count() const {
   std::int64_t numbers = 0;
   for (const auto& [name, tensor] : tensors_) numbers += tensor.numel();

@@ -35,6 +35,7 @@ class Parameters {
   void merge(const Parameters& other);
   /// Numbers in all of them.
   std::int64_t count() const;
+  void move_to(const at::Device& device);
 
  private:
   std::vector<std::pair<std::string, at::Tensor>> tensors_;

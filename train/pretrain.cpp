@@ -55,7 +55,8 @@ class Jepa : public Objective {
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures&) override {
     const BatchMasks masks =
         draw_masks(masking_, static_cast<std::uint64_t>(settings_.run.seed), now.epoch, windows);
-    const at::Tensor tokens = pool_.tokens(windows), context = index_tensor(masks.context);
+    const at::Tensor tokens = pool_.tokens(windows),
+                     context = index_tensor(masks.context).to(tokens.device());
     const EncoderShape shape = encoder_shape(weights_.config);
     {
       const at::NoGradGuard no_gradients;
@@ -64,7 +65,7 @@ class Jepa : public Objective {
     const at::Tensor z = encode(weights_.parameters, "encoder.", shape, tokens, context, numerics_);
     at::Tensor sum = at::zeros({});
     for (const std::vector<TokenList>& block : masks.targets) {
-      const at::Tensor hidden = index_tensor(block);
+      const at::Tensor hidden = index_tensor(block).to(tokens.device());
       sum = sum + prediction_loss(predict(weights_.parameters, predictor_, z, context, hidden, numerics_),
                                   normalised_target(features_, hidden));
     }
@@ -155,9 +156,12 @@ Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers
   plan.epochs = static_cast<std::uint64_t>(settings.pretrain.epochs);
   plan.batch = static_cast<std::uint64_t>(settings.pretrain.batch);
   if (settings.data.norm == "corpus") pool.measure_scaling(plan.windows);
-  const Numerics numerics = choose_numerics(settings, resumed);
-  Jepa jepa(settings, pool, resumed ? std::move(resumed->weights) : initial_weights(settings, pool, numerics),
-            numerics);
+  const at::Device device = device_of(settings, workers);
+  const Numerics numerics = choose_numerics(settings, resumed, device);
+  Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, numerics);
+  weights.parameters.move_to(device);
+  pool.give_on(device);
+  Jepa jepa(settings, pool, std::move(weights), numerics);
   if (resumed) jepa.optimiser().restore(resumed->optimiser, resumed->step);
   return run_loop(jepa, plan, settings, workers, folder, resumed ? resumed->step : 0);
 }

@@ -16,6 +16,7 @@ struct RunSettings {
     std::string out;  ///< folder of the run
     int seed = 0;
     int threads = 0;  ///< 0: as many as the machine has
+    std::string device = "auto";
     std::string precision = "auto";
     double checkpoint_minutes = 10;
     double log_s = 10;

@@ -103,6 +103,21 @@ TEST_F(Runs, TooFewWindowsForABatchAreRefused) {
   EXPECT_THROW(pretrain(in("run"), pool, Workers()), SetupError);
 }
 
+TEST_F(Runs, ADeviceThatIsNotThereIsRefused) {
+  if (torch::cuda::device_count() > 0) GTEST_SKIP() << "there is one";
+  RunSettings settings = in("run");
+  EXPECT_TRUE(device_of(settings, Workers()).is_cpu());
+  settings.run.device = "cuda";
+  Pool pool = made_up(16);
+  try {
+    finetune(settings, pool, Workers());
+    FAIL();
+  } catch (const SetupError& error) {
+    EXPECT_EQ(error.status, ExitStatus::unavailable);
+    EXPECT_NE(std::string(error.what()).find("run.device is cuda"), std::string::npos) << error.what();
+  }
+}
+
 TEST_F(Runs, PretrainingLowersItsLossAndFeedsFineTuning) {
   Pool pool = made_up(64);
   settings_.pretrain.epochs = 12;
