@@ -163,15 +163,17 @@ void make_simpiw(const SimPiwOptions& options) {
     plan.splits[clips[i].test ? "test" : "train"].push_back(i);
   }
   plan.made_by = made_by(options.small ? "simpiw-small" : "simpiw", options);
+  plan.made_by["power_up"] = "1, 2, 3 in the three rooms";
   std::vector<RoomPlan> rooms;
   std::vector<FastSolver> solvers;
   for (const char* name : kSimPiwRooms) {
     rooms.push_back(read_room_plan(name));
     solvers.emplace_back(rooms.back().still);
   }
-  const Impairments on = options.radio.impairments();
   make_dataset(plan, options.threads, [&](std::uint32_t number) {
     const SimPiwClip& it = clips[number];
+    Impairments on = options.radio.impairments();
+    on.power_up = 1u + it.room;
     const HumanClip clip{{rooms[it.room], it.people, PeopleOptions{}.allowed(), false},
                          number,
                          it.frames,

@@ -11,6 +11,7 @@ namespace csipose::sim {
 namespace {
 
 constexpr std::uint32_t kPacketsPerFrame = 20;  // of the counter's frame word; the window's length
+constexpr std::uint64_t kInstallations = 5300;  // seed of all cards that stay powered
 constexpr double kThermalNoise_dbm = -92;       // what the csitool assumes where the card reports none
 constexpr double kRssiOffset_db = 44;           // csitool's get_total_rss: dBm = rssi - 44 - agc
 constexpr double kAgcTarget_dbm = -3;
@@ -94,6 +95,7 @@ CounterRng PacketId::rng(std::size_t receiver) const {
 }
 
 Nic draw_nic(const Impairments& on, std::uint64_t seed, std::uint32_t clip, std::size_t receiver) {
+  if (on.power_up != 0) seed = kInstallations, clip = on.power_up;
   CounterRng sender(seed, Purpose::impair_nic, kReceivers, clip, 0);
   CounterRng rng(seed, Purpose::impair_nic, static_cast<std::uint16_t>(receiver), clip, 0);
   Nic nic;

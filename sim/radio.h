@@ -42,6 +42,9 @@ struct Impairments {
   bool channel_access =
       false;  ///< packets leave late, as on a channel that others use too; all receivers see the same
   bool own_clock = false;  ///< each card counts from its own zero, up to 20 ppm fast or slow
+  /// 0: the cards are powered up anew for each clip, by its seed and number. N: they are as the N-th powering up left
+  /// them, the same for every seed and clip: one installation, recorded again and again.
+  std::uint32_t power_up = 0;
 };
 
 /// "none": no effect. "mild": a good card in a quiet channel: phase, delay, rounding noise, own clock; no
@@ -72,7 +75,7 @@ constexpr std::array<std::array<double, kSubcarriers>, kAntennas> flat_passband(
   return flat;
 }
 
-/// What a card keeps while it is powered: drawn once per clip and receiver.
+/// What a card keeps while it is powered: drawn once per power-up and receiver.
 struct Nic {
   double transmit_power_dbm = 15;               ///< of the sender, as this receiver's budget sees it
   std::array<double, kAntennas> gain{1, 1, 1};  ///< voltage

@@ -134,11 +134,13 @@ Impairments RadioOptions::impairments() const {
   Impairments on = sim::impairments(level_of(level));
   for (const NamedImpairment& it : named_impairments())
     if (std::find(off.begin(), off.end(), it.name) != off.end()) on.*it.member = false;
+  on.power_up = power_up;
   return on;
 }
 
 std::string RadioOptions::words() const {
-  return off.empty() ? level : fmt::format("{} less {}", level, fmt::join(off, ", "));
+  std::string words = off.empty() ? level : fmt::format("{} less {}", level, fmt::join(off, ", "));
+  return power_up == 0 ? words : fmt::format("{}, power-up {}", words, power_up);
 }
 
 void add_radio_options(CLI::App& command, RadioOptions& options) {
@@ -150,6 +152,10 @@ void add_radio_options(CLI::App& command, RadioOptions& options) {
                   fmt::format("but not: {}", fmt::join(impairment_names(), ", ")))
       ->delimiter(',')
       ->check(CLI::IsMember(impairment_names()));
+  command
+      .add_option("--power-up", options.power_up,
+                  "the cards stay as this powering up left them; 0: anew for each clip and seed")
+      ->capture_default_str();
 }
 
 }  // namespace csipose::sim

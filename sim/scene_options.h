@@ -50,9 +50,10 @@ std::unique_ptr<ChannelSource> open_channels(const SceneOptions& options);
 struct RadioOptions {
   std::string level = "5300";
   std::vector<std::string> off;
+  std::uint32_t power_up = 0;
 
   Impairments impairments() const;
-  /// For manifests: "5300", "5300 less losses".
+  /// For manifests: "5300", "5300 less losses, power-up 2".
   std::string words() const;
 };
 void add_radio_options(CLI::App& command, RadioOptions& options);

@@ -150,6 +150,22 @@ TEST(Radio, SamePacketsGiveTheSameRecords) {
   EXPECT_EQ(run(), run());
 }
 
+// One installation, recorded again and again: seed and clip change what happens, never the cards.
+TEST(Radio, CardsThatStayPoweredAreTheSameInEveryClip) {
+  Impairments on = impairments(ImpairmentLevel::intel5300);
+  on.power_up = 2;
+  const Nic first = draw_nic(on, 1, 0, 1), later = draw_nic(on, 77, 12, 1);
+  EXPECT_EQ(first.phase_rad, later.phase_rad);
+  EXPECT_EQ(first.gain, later.gain);
+  EXPECT_EQ(first.passband, later.passband);
+  EXPECT_EQ(first.transmit_power_dbm, later.transmit_power_dbm);
+  EXPECT_NE(first.phase_rad, draw_nic(on, 1, 0, 2).phase_rad);  // another receiver
+  on.power_up = 3;
+  EXPECT_NE(first.phase_rad, draw_nic(on, 1, 0, 1).phase_rad);
+  on.power_up = 0;
+  EXPECT_NE(draw_nic(on, 1, 0, 1).phase_rad, draw_nic(on, 1, 12, 1).phase_rad);
+}
+
 struct Heard {
   std::vector<CsiRecord> records;
   std::vector<std::uint32_t> numbers;
