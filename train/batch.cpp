@@ -153,6 +153,13 @@ Split split_by_clip(const Pool& pool, double share, std::uint64_t seed) {
   return split;
 }
 
+std::vector<std::uint64_t> spread(const std::vector<std::uint64_t>& windows, std::size_t count) {
+  if (count == 0 || count >= windows.size()) return windows;
+  std::vector<std::uint64_t> some;
+  for (std::size_t i = 0; i < count; ++i) some.push_back(windows[i * windows.size() / count]);
+  return some;
+}
+
 std::vector<std::uint64_t> shuffled(std::vector<std::uint64_t> windows, std::uint64_t seed,
                                     std::uint64_t epoch) {
   SeededRandom random(seed, "shuffle", {epoch});

@@ -55,6 +55,9 @@ struct Split {
 /// Whole clips, `share` of them (at least one when share > 0 and there are two), chosen by `seed`.
 Split split_by_clip(const Pool& pool, double share, std::uint64_t seed);
 
+/// `count` of them, evenly spread from the first on; all when count is 0 or there are no more.
+std::vector<std::uint64_t> spread(const std::vector<std::uint64_t>& windows, std::size_t count);
+
 /// The windows in the order of an epoch.
 std::vector<std::uint64_t> shuffled(std::vector<std::uint64_t> windows, std::uint64_t seed,
                                     std::uint64_t epoch);

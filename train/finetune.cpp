@@ -25,7 +25,7 @@ constexpr double kPaperEncoderLr = 0.1, kReducedEncoderLr = 0.3;
 constexpr double kSigmaLr = 1e-3;      // of the head for the expected error: one row of numbers
 constexpr double kStepAt = 0.8;        // of the steps; then a tenth of the rate
 constexpr double kCosineFloor = 0.01;  // of the rate
-constexpr std::size_t kEvaluationBatch = 64;
+constexpr std::size_t kEvaluationBatch = 64, kLearntWindows = 1024;
 constexpr std::int64_t kPoseWidth = 3 * kJoints;
 
 /// The recipe with what "by preset" stands for filled in.
@@ -36,16 +36,19 @@ struct Recipe {
     lr = s.lr > 0 ? s.lr : paper ? kPaperLr : kReducedLr;
     encoder_factor = s.encoder_lr > 0 ? s.encoder_lr : paper ? kPaperEncoderLr : kReducedEncoderLr;
     cosine = s.schedule == "cosine" || (s.schedule == "auto" && !paper);
+    warm_up = s.warm_up;
   }
   double rate(std::uint64_t step, std::uint64_t total) const {
-    if (cosine) return half_cosine(lr, kCosineFloor * lr, step, total);
-    return static_cast<double>(step) > kStepAt * static_cast<double>(total) ? 0.1 * lr : lr;
+    const double warmed = warm_up_factor(warm_up, step, total);
+    if (cosine) return warmed * half_cosine(lr, kCosineFloor * lr, step, total);
+    return warmed * (static_cast<double>(step) > kStepAt * static_cast<double>(total) ? 0.1 * lr : lr);
   }
-  double lr, encoder_factor;
+  double lr, encoder_factor, warm_up;
   bool cosine;
 };
 
 bool is_learned(const std::string& name) {
+  if (name.rfind("predictor.ordered.", 0) == 0) return true;
   for (const char* not_learned : {"norm.", "calib.", "predictor.", "target_encoder.", "sigma_branch."})
     if (name.rfind(not_learned, 0) == 0) return false;
   return true;
@@ -72,14 +75,6 @@ std::vector<Skeleton> skeletons_of(const float* poses, std::int64_t queries) {
 
 // ---- what fails in a batch ----
 
-/// Tokens of the links that are left, ascending.
-TokenList tokens_left(const LinkSet& links) {
-  TokenList tokens;
-  for (std::size_t token = 0; token < kTokens; ++token)
-    if (links[token % kLinks]) tokens.push_back(static_cast<std::int64_t>(token));
-  return tokens;
-}
-
 /// `count` different numbers below `of`.
 std::vector<std::size_t> choose(std::size_t count, std::size_t of, SeededRandom& random) {
   std::vector<std::size_t> all(of);
@@ -87,6 +82,23 @@ std::vector<std::size_t> choose(std::size_t count, std::size_t of, SeededRandom&
   for (std::size_t i = 0; i < count; ++i) std::swap(all[i], all[i + random.index(of - i)]);
   all.resize(count);
   return all;
+}
+
+/// Tokens of these samples and links, ascending.
+TokenList tokens_of(std::vector<std::size_t> samples, const LinkSet& links) {
+  std::sort(samples.begin(), samples.end());
+  TokenList tokens;
+  for (const std::size_t t : samples)
+    for (std::size_t l = 0; l < kLinks; ++l)
+      if (links[l]) tokens.push_back(static_cast<std::int64_t>(t * kLinks + l));
+  return tokens;
+}
+
+/// How many of a window's samples are encoded in this step.
+std::size_t samples_of_step(const RunSettings& settings, const Moment& now) {
+  const auto all_from = settings.finetune.all_samples_from * static_cast<double>(now.total);
+  return static_cast<double>(now.step) > all_from ? kSamples
+                                                  : static_cast<std::size_t>(settings.finetune.samples);
 }
 
 struct Failure {
@@ -144,7 +156,10 @@ class Poses3d : public Objective {
     figures = {{"cls", loss.cls.item<double>()},
                {"kpt", loss.kpt.item<double>()},
                {"refine", loss.refine.item<double>()}};
-    return loss.total;
+    if (settings_.finetune.ordered == 0) return loss.total;
+    const at::Tensor ordered = ordered_loss(weights_.parameters, features, people, loss_weights_, matched);
+    figures.emplace_back("ordered", ordered.item<double>());
+    return loss.total + settings_.finetune.ordered * ordered;
   }
 
   double make_step(const Moment& now, Figures& figures) override {
@@ -164,6 +179,11 @@ class Poses3d : public Objective {
     const double error_m =
         judged ? oracle_error_m(weights_.parameters, weights_.config, pool_, split_.held_out, numerics_) : 0;
     if (judged) figures.emplace_back("held_out_mpjpe_mm", 1000 * error_m);
+    if (!judged) {  // nothing was kept from it: how well it knows what it learnt from
+      const auto some = spread(split_.train, kLearntWindows);
+      figures.emplace_back("learnt_mpjpe_mm", 1000 * oracle_error_m(weights_.parameters, weights_.config,
+                                                                    pool_, some, numerics_));
+    }
     if (judged && error_m >= best_m_) return;
     best_m_ = error_m;
     remember(now);
@@ -306,7 +326,18 @@ NetworkConfig network_of(const RunSettings& settings) {
 Weights initial_weights(const RunSettings& settings, const Pool& pool, const Split& split,
                         const Numerics& numerics) {
   Weights weights = untrained_weights(network_of(settings), static_cast<std::uint64_t>(settings.run.seed));
+  if (settings.network.init == "fan_in") scale_to_fan_in(weights.parameters, "encoder.");
   if (settings.finetune.proposal_bias) set_proposal_bias(weights, pool, split.train);
+  if (settings.finetune.ordered > 0) {
+    weights.parameters.merge(
+        initial_ordered_head(weights.config.dim, static_cast<std::uint64_t>(settings.run.seed)));
+    const at::Tensor mean_pose =
+        weights.parameters[fmt::format("kpt_branches.{}.6.bias", weights.config.decoder_layers)];
+    weights.parameters["predictor.ordered.2.bias"]
+        .view({static_cast<std::int64_t>(kOrderedPeople), kPoseWidth + 1})
+        .narrow(1, 0, kPoseWidth)
+        .copy_(mean_pose);
+  }
   if (!settings.finetune.init.empty() && settings.finetune.init_from != "none") take_over(weights, settings);
   set_normalisation(weights, pool.scaling().front());
   weights.metadata["stage"] = "finetuned";
@@ -341,7 +372,8 @@ at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
   const auto seed = static_cast<std::uint64_t>(settings.run.seed);
   SeededRandom batch(seed, "failures of a batch", {now.epoch, windows.front()});
   const Failure failure = draw_failure(settings, batch);
-  if (failure.receivers == 0 && failure.links == 0) return {};
+  const std::size_t samples = samples_of_step(settings, now);
+  if (failure.receivers == 0 && failure.links == 0 && samples == kSamples) return {};
   std::vector<std::int64_t> tokens;
   for (const std::uint64_t window : windows) {
     SeededRandom random(seed, "failures of a window", {now.epoch, window});
@@ -349,7 +381,7 @@ at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
     for (const std::size_t receiver : choose(failure.receivers, kReceivers, random))
       for (std::size_t a = 0; a < kAntennas; ++a) links.reset(receiver * kAntennas + a);
     for (const std::size_t link : choose(failure.links, kLinks, random)) links.reset(link);
-    const TokenList left = tokens_left(links);
+    const TokenList left = tokens_of(choose(samples, kSamples, random), links);
     tokens.insert(tokens.end(), left.begin(), left.end());
   }
   return at::tensor(tokens, at::kLong).view({static_cast<std::int64_t>(windows.size()), -1});
@@ -358,8 +390,8 @@ at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
-  const Split split =
-      split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));
+  Split split = split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));
+  split.train = spread(split.train, static_cast<std::size_t>(settings.data.take));
   LoopPlan plan{split.train, static_cast<std::uint64_t>(settings.finetune.epochs),
                 static_cast<std::uint64_t>(settings.finetune.batch)};
   if (network_of(settings).joint_sigma)

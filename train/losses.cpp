@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 
 #include "model/assignment.h"
@@ -14,6 +15,7 @@ constexpr double kAlpha = 0.25, kGamma = 2;  // focal loss
 constexpr double kPoseCostDivisor = 28;      // 14 joints in two dimensions, kept from 2-D PETR
 constexpr double kLogGuard = 1e-12;
 constexpr std::int64_t kPoseWidth = 3 * kJoints;
+constexpr std::int64_t kLeftHip = 5, kRightHip = 7;  // model/config.h: kJointNames
 
 at::Tensor index_tensor(const std::vector<std::int64_t>& values, const at::Tensor& like) {
   return at::tensor(values, at::kLong).to(like.device());
@@ -44,6 +46,18 @@ void add_layer(SetLoss& loss, const at::Tensor& cls, const at::Tensor& kpt, cons
                const People& people, const SetLossWeights& weights, double matched) {
   loss.cls = loss.cls + weights.cls * focal_sum(cls, matches) / class_divisor(matched);
   loss.kpt = loss.kpt + weights.kpt * squared_error_sum(kpt, matches, people) / pose_divisor(matched);
+}
+
+/// The people of window b by the first coordinate of their roots.
+std::vector<std::int64_t> from_left_to_right(const People& people, std::int64_t b) {
+  std::vector<std::int64_t> order(static_cast<std::size_t>(people.count[static_cast<std::size_t>(b)]));
+  std::iota(order.begin(), order.end(), std::int64_t{0});
+  if (order.empty()) return order;
+  const at::Tensor poses = people.poses.to(at::kCPU).contiguous();
+  const auto joint = poses.accessor<float, 3>();
+  const auto root_x = [&](std::int64_t p) { return joint[b][p][3 * kLeftHip] + joint[b][p][3 * kRightHip]; };
+  std::stable_sort(order.begin(), order.end(), [&](auto i, auto j) { return root_x(i) < root_x(j); });
+  return order;
 }
 
 struct RefinedMatches {
@@ -139,6 +153,29 @@ SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const 
   }
   loss.total = loss.cls + loss.kpt + loss.refine;
   return loss;
+}
+
+at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features, const People& people,
+                        const SetLossWeights& weights, double matched) {
+  const auto slots = static_cast<std::int64_t>(kOrderedPeople);
+  const at::Tensor hidden =
+      at::relu(at::linear(features.to(at::kFloat).mean(1), parameters["predictor.ordered.0.weight"],
+                          parameters["predictor.ordered.0.bias"]));
+  const at::Tensor answer =
+      at::linear(hidden, parameters["predictor.ordered.2.weight"], parameters["predictor.ordered.2.bias"])
+          .view({features.size(0), slots, kPoseWidth + 1});
+  Matches matches;  // slot by person, in their order
+  for (std::int64_t b = 0; b < features.size(0); ++b) {
+    const auto order = from_left_to_right(people, b);
+    for (std::size_t s = 0; s < std::min(order.size(), kOrderedPeople); ++s) {
+      matches.window.push_back(b);
+      matches.query.push_back(static_cast<std::int64_t>(s));
+      matches.person.push_back(order[s]);
+    }
+  }
+  const at::Tensor logits = answer.narrow(2, kPoseWidth, 1), poses = answer.narrow(2, 0, kPoseWidth);
+  return weights.cls * focal_sum(logits, matches) / class_divisor(matched) +
+         weights.kpt * squared_error_sum(poses, matches, people) / pose_divisor(matched);
 }
 
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,

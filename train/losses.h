@@ -53,6 +53,13 @@ SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const 
                  const People& people, const SetLossWeights& weights, const Numerics& numerics,
                  double matched);
 
+/// A second, plainer answer that teaches the encoder: from the mean of its tokens, `features` (B, N, D), the poses of up to
+/// three people in the order of their roots along axis 0, and who of the three is there. Matched queries tell the encoder
+/// little at first, for a few constant poses spread over the room are near everybody; here nothing but the people's places
+/// lowers the loss. predictor.ordered.*: not part of what ships.
+at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features, const People& people,
+                        const SetLossWeights& weights, double matched);
+
 /// Loss of the sigma head alone: mean of ln sigma + error / sigma over the joints of the last layer's matches (Laplace).
 /// Nothing else learns from it.
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cassert>
+#include <cmath>
 #include <cstring>
 
 #include "model/model.h"
@@ -142,6 +143,26 @@ Parameters initial_predictor(const PredictorShape& shape, std::size_t encoder_di
   for (const TensorSpec& spec : predictor_tensors(shape, encoder_dim))
     parameters.set(spec.name, initial_tensor(spec, seed));
   return parameters;
+}
+
+Parameters initial_ordered_head(std::size_t encoder_dim, std::uint64_t seed) {
+  constexpr std::size_t kHidden = 256;
+  std::vector<TensorSpec> specs;
+  add_linear(specs, "predictor.ordered.0", kHidden, encoder_dim);
+  add_linear(specs, "predictor.ordered.2", kOrderedPeople * (3 * kJoints + 1), kHidden);
+  Parameters parameters;
+  for (const TensorSpec& spec : specs) parameters.set(spec.name, initial_tensor(spec, seed));
+  scale_to_fan_in(parameters, "predictor.ordered.");
+  return parameters;
+}
+
+void scale_to_fan_in(const Parameters& parameters, std::string_view prefix) {
+  const at::NoGradGuard no_gradients;
+  for (const auto& [name, tensor] : parameters.under(prefix)) {
+    if (tensor.dim() < 2 || name == "predictor.mask_token") continue;
+    const auto inputs = static_cast<double>(tensor[0].numel());
+    tensor.mul_(1 / (std::sqrt(inputs) * kInitialSigma));
+  }
 }
 
 Parameters parameters_of(const SafetensorsFile& file) {

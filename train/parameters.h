@@ -59,6 +59,15 @@ Parameters initial_network(const NetworkConfig& config, std::uint64_t seed);
 /// source: facebookresearch/ijepa, VisionTransformerPredictor
 Parameters initial_predictor(const PredictorShape& shape, std::size_t encoder_dim, std::uint64_t seed);
 
+/// predictor.ordered.*: tokens' mean to poses and presence of kOrderedPeople people (losses.h, ordered_loss). Fan-in, biases 0.
+inline constexpr std::size_t kOrderedPeople = 3;
+Parameters initial_ordered_head(std::size_t encoder_dim, std::uint64_t seed);
+
+/// Brings the matrices of `prefix` from deviation 0.02, which suits a width of 768, to 1 / sqrt(inputs), so that a narrow
+/// network's blocks and its embedding are heard beside the position code from the first step on.
+/// source: LeCun et al., Efficient BackProp, 1998, section 4.6
+void scale_to_fan_in(const Parameters& parameters, std::string_view prefix);
+
 /// The file's floating-point tensors as float32 copies.
 Parameters parameters_of(const SafetensorsFile& file);
 /// Views of the tensors' memory as float32 for pack_safetensors; `kept` owns that memory.

@@ -127,8 +127,10 @@ Weights initial_weights(const RunSettings& settings, const Pool& pool, const Num
   config.identity_conditioning = settings.network.identity_conditioning;
   const auto seed = static_cast<std::uint64_t>(settings.run.seed);
   Weights weights = untrained_weights(config, seed);
-  weights.parameters.merge(weights.parameters.renamed_copy("encoder.", "target_encoder."));
   weights.parameters.merge(initial_predictor(predictor_shape(settings.network.preset), config.dim, seed));
+  if (settings.network.init == "fan_in")
+    for (const char* part : {"encoder.", "predictor."}) scale_to_fan_in(weights.parameters, part);
+  weights.parameters.merge(weights.parameters.renamed_copy("encoder.", "target_encoder."));
   set_normalisation(weights, pool.scaling().front());
   weights.metadata["stage"] = "pretrained";
   weights.metadata["git"] = CSIPOSE_COMMIT;
@@ -153,6 +155,7 @@ Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   LoopPlan plan;
   for (std::uint64_t i = 0; i < pool.size(); ++i) plan.windows.push_back(i);
+  plan.windows = spread(plan.windows, static_cast<std::size_t>(settings.data.take));
   plan.epochs = static_cast<std::uint64_t>(settings.pretrain.epochs);
   plan.batch = static_cast<std::uint64_t>(settings.pretrain.batch);
   if (settings.data.norm == "corpus") pool.measure_scaling(plan.windows);

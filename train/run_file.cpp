@@ -68,9 +68,21 @@ const std::vector<Key>& keys() {
        {},
        "as the paper and its sources in everything that they leave open: identity_conditioning and "
        "proposal_bias off"},
+      {"network.init",
+       FIELD(network.init),
+       0,
+       0,
+       {"fan_in", "fixed"},
+       "random encoders and predictors, deviation of their matrices: fan_in: 1 / sqrt(inputs); fixed: 0.02"},
 
       {"data.train", FIELD(data.train), 0, 0, {}, "data sets, each a folder; pooled and shuffled together"},
       {"data.options", FIELD(data.options), 0, 0, {}, "for the readers of data sets, \"name=value\""},
+      {"data.take",
+       FIELD(data.take),
+       0,
+       2e9,
+       {},
+       "learn from so many windows, spread evenly over the data sets; 0: from all"},
       {"data.hold_out",
        FIELD(data.hold_out),
        0,
@@ -128,6 +140,12 @@ const std::vector<Key>& keys() {
        100,
        {},
        "factor for the encoder; 0: by preset, 0.1 for paper and 0.3 for the others"},
+      {"finetune.warm_up",
+       FIELD(finetune.warm_up),
+       0,
+       1,
+       {},
+       "share of the steps in which the rate rises from 0"},
       {"finetune.schedule",
        FIELD(finetune.schedule),
        0,
@@ -140,6 +158,13 @@ const std::vector<Key>& keys() {
       {"finetune.cls", FIELD(finetune.cls), 0, 1e6, {}, "weight of the class loss"},
       {"finetune.kpt", FIELD(finetune.kpt), 0, 1e6, {}, "weight of the pose losses"},
       {"finetune.refine", FIELD(finetune.refine), 0, 1e6, {}, "weight of the refinement's losses"},
+      {"finetune.ordered",
+       FIELD(finetune.ordered),
+       0,
+       1e6,
+       {},
+       "weight of a plainer answer from the tokens' mean, which teaches the encoder and does not ship; 0: "
+       "none"},
       {"finetune.proposal_bias",
        FIELD(finetune.proposal_bias),
        0,
@@ -159,6 +184,19 @@ const std::vector<Key>& keys() {
        1,
        {},
        "the same with one to three single links"},
+      {"finetune.samples",
+       FIELD(finetune.samples),
+       1,
+       20,
+       {},
+       "so many of a window's 20 samples, others in each window and epoch, are encoded at first: steps cost "
+       "less"},
+      {"finetune.all_samples_from",
+       FIELD(finetune.all_samples_from),
+       0,
+       1,
+       {},
+       "from this share of the steps on all are, as in the daemon"},
       {"finetune.sigma_epochs",
        FIELD(finetune.sigma_epochs),
        0,
@@ -320,8 +358,10 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
   for (const std::string& one : set) reader.read_override(one);
   reader.refuse_if_wrong();
   if (reader.settings.network.parity) {
+    reader.settings.network.init = "fixed";
     reader.settings.network.identity_conditioning = false;
     reader.settings.finetune.proposal_bias = false;
+    reader.settings.finetune.ordered = 0;
   }
   return reader.settings;
 }

@@ -26,10 +26,12 @@ struct RunSettings {
     std::string preset = "small";
     bool identity_conditioning = true;
     bool parity = false;
+    std::string init = "fan_in";
   } network;
   struct {
     std::vector<std::string> train;
     std::vector<std::string> options;
+    int take = 0;
     double hold_out = 0.05;
     std::string norm = "corpus";
   } data;
@@ -44,12 +46,14 @@ struct RunSettings {
   struct {
     std::string init, init_from = "context";
     int epochs = 100, batch = 32;
-    double lr = 0, encoder_lr = 0;
+    double lr = 0, encoder_lr = 0, warm_up = 0.05;
     std::string schedule = "auto";
     double weight_decay = 1e-4, clip = 0.1, dropout = 0.1;
-    double cls = 4, kpt = 70, refine = 70;
+    double cls = 4, kpt = 70, refine = 70, ordered = 1;
     bool proposal_bias = true;
     double lose_receiver = 0.2, lose_two_receivers = 0.05, lose_links = 0.1;
+    int samples = 20;
+    double all_samples_from = 0.8;
     int sigma_epochs = 2;
   } finetune;
 };

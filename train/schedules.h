@@ -28,6 +28,12 @@ inline double half_cosine(double from, double to, std::uint64_t step, std::uint6
   return to + (from - to) * (1 + std::cos(std::numbers::pi * progress)) / 2;
 }
 
+/// Rises linearly to 1 over the first `share` of the steps, and stays there.
+inline double warm_up_factor(double share, std::uint64_t step, std::uint64_t total) {
+  const double steps = share * static_cast<double>(total);
+  return static_cast<double>(step) < steps ? static_cast<double>(step) / steps : 1;
+}
+
 /// Momentum of the target encoder, from `from` to 1 over the run: by cosine as the paper, or linear as I-JEPA's code.
 inline double momentum_cosine(double from, std::uint64_t step, std::uint64_t total) {
   const double progress = static_cast<double>(step - 1) / static_cast<double>(total);

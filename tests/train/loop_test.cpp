@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <set>
 
 #include "model/engine.h"
 #include "model/model.h"
@@ -12,6 +13,7 @@
 #include "tests/train/made_up_set.h"
 #include "train/finetune.h"
 #include "train/pretrain.h"
+#include "train/schedules.h"
 #include "train/window_folder.h"
 
 namespace csipose::train {
@@ -173,6 +175,65 @@ TEST_F(Runs, OverfittingReachesTenMillimetres) {
   const Poses ours = infer(weights.parameters, weights.config, pool.tokens(one), {}, Numerics{});
   for (std::int64_t i = 0; i < ours.joints.numel(); ++i)
     ASSERT_NEAR(ours.joints.flatten()[i].item<float>(), theirs.poses[static_cast<std::size_t>(i)], 1e-4);
+}
+
+// ---- which tokens a step sees ----
+
+TEST_F(Runs, StepsSeeAFewSamplesAtFirstAndAllInTheEnd) {
+  settings_.finetune.lose_receiver = settings_.finetune.lose_two_receivers = settings_.finetune.lose_links =
+      0;
+  settings_.finetune.samples = 5;
+  settings_.finetune.all_samples_from = 0.5;
+  const std::array<std::uint64_t, 3> windows = {4, 9, 2};
+  const at::Tensor early = surviving_tokens(settings_, {50, 100, 3}, windows);
+  ASSERT_EQ(early.sizes(), at::IntArrayRef({3, 5 * static_cast<std::int64_t>(kLinks)}));
+  for (int w = 0; w < 3; ++w) {
+    std::set<std::int64_t> samples;
+    for (int i = 0; i < early.size(1); ++i) {
+      const auto token = early[w][i].item<std::int64_t>();
+      samples.insert(token / static_cast<std::int64_t>(kLinks));
+      EXPECT_EQ(token % static_cast<std::int64_t>(kLinks),
+                i % static_cast<int>(kLinks));  // all links of each sample
+      if (i > 0) EXPECT_GT(token, early[w][i - 1].item<std::int64_t>());
+    }
+    EXPECT_EQ(samples.size(), 5u);
+  }
+  EXPECT_FALSE(early[0].equal(early[1]));
+  EXPECT_TRUE(early.equal(surviving_tokens(settings_, {49, 100, 3}, windows)));  // by epoch and window alone
+  EXPECT_FALSE(early.equal(surviving_tokens(settings_, {50, 100, 4}, windows)));
+  EXPECT_FALSE(surviving_tokens(settings_, {51, 100, 3}, windows).defined());
+
+  settings_.finetune.lose_two_receivers = 1;
+  const at::Tensor one_receiver = surviving_tokens(settings_, {50, 100, 3}, windows);
+  EXPECT_EQ(one_receiver.size(1), 5 * static_cast<std::int64_t>(kAntennas));
+  EXPECT_EQ(surviving_tokens(settings_, {51, 100, 3}, windows).size(1),
+            static_cast<std::int64_t>(kSamples * kAntennas));
+}
+
+TEST(Spread, TakesWindowsFromEverywhere) {
+  const std::vector<std::uint64_t> all = {3, 5, 7, 9, 11, 13, 15};
+  EXPECT_EQ(spread(all, 3), (std::vector<std::uint64_t>{3, 7, 11}));
+  EXPECT_EQ(spread(all, 0), all);
+  EXPECT_EQ(spread(all, 8), all);
+}
+
+TEST(FanIn, EachMatrixGetsTheDeviationOfItsInputs) {
+  const Parameters weights = initial_network(preset_config("tiny"), 1);
+  const double norm = weights["encoder.norm.weight"].sum().item<double>();
+  scale_to_fan_in(weights, "encoder.");
+  for (const auto& [name, inputs] : {std::pair("encoder.patch_embed.proj.weight", 60.),
+                                     std::pair("encoder.blocks.1.attn.qkv.weight", 128.),
+                                     std::pair("encoder.blocks.2.mlp.fc2.weight", 512.)})
+    EXPECT_NEAR(weights[name].std().item<double>() * std::sqrt(inputs), 1, 0.02) << name;
+  EXPECT_EQ(weights["encoder.norm.weight"].sum().item<double>(), norm);
+  EXPECT_TRUE(weights["proj.weight"].equal(initial_network(preset_config("tiny"), 1)["proj.weight"]));
+}
+
+TEST(WarmUp, RisesOverItsShareAndStays) {
+  EXPECT_DOUBLE_EQ(warm_up_factor(0.1, 5, 100), 0.5);
+  EXPECT_DOUBLE_EQ(warm_up_factor(0.1, 10, 100), 1);
+  EXPECT_DOUBLE_EQ(warm_up_factor(0.1, 60, 100), 1);
+  EXPECT_DOUBLE_EQ(warm_up_factor(0, 1, 100), 1);
 }
 
 // ---- folders of windows ----
