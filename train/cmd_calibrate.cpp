@@ -16,7 +16,8 @@ namespace csipose::train {
 namespace {
 
 struct Options {
-  std::string model, data, out;
+  std::string model, out;
+  std::vector<std::string> data;
   EngineOptions engine;
 };
 
@@ -61,7 +62,7 @@ void print_fit(const ConfidenceFit& fit) {
 void run(const Options& options) {
   const SafetensorsFile file = SafetensorsFile::read(options.model);
   const std::shared_ptr<const Model> model = Model::from(file);
-  const EvaluationSet set = open_evaluation_set(options.data);
+  const EvaluationSet set = open_evaluation_sets(options.data);
   const std::unique_ptr<Engine> engine = make_engine(options.engine, model);
   std::vector<Detection> found, faint;
   ask_model(*engine, *model, set, LinkSet().set(), [&](const Answer& answer) {
@@ -69,14 +70,14 @@ void run(const Options& options) {
     faint.insert(faint.end(), answer.faint.begin(), answer.faint.end());
   });
   fmt::print("{} ({}), {} windows of {}: {} people found\n", options.model, engine->describe(),
-             set.windows->size(), options.data, found.size());
+             set.windows->size(), set.windows->name(), found.size());
   const ConfidenceFit fit = fit_confidences(found, faint, model->calibration());
   if (!fit.calibration.score && !fit.calibration.joint_scale)
     throw SetupError(
         ExitStatus::bad_data,
         fmt::format("{} cannot be calibrated on {}: of {} people found {} were there; take more windows of "
                     "rooms like those it was trained on, or train it longer",
-                    options.model, options.data, fit.found, fit.matched));
+                    options.model, set.windows->name(), fit.found, fit.matched));
   const std::string target = options.out.empty() ? options.model : options.out;
   const auto bytes = with_confidences(file, fit.calibration, account_of(fit, set).dump());
   Model::from(SafetensorsFile::parse(bytes, target));  // what is written can be read
@@ -92,7 +93,8 @@ void add_calibrate(CLI::App& app) {
       "calibrate",
       "person score and joint confidences that mean what they say, fitted on validation windows");
   command->add_option("--model", options->model, "weights, .safetensors")->required();
-  command->add_option("--data", options->data, "folder of windows with labels, neither trained nor tested on")
+  command
+      ->add_option("--data", options->data, "folders of windows with labels, neither trained nor tested on")
       ->required();
   command->add_option("--out", options->out, "weights file to write; the model itself if not given");
   add_engine_options(*command, options->engine);

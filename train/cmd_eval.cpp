@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -17,14 +18,17 @@
 #include "train/engine_options.h"
 #include "train/evaluation.h"
 #include "train/evaluation_picture.h"
+#include "train/report_differences.h"
 
 namespace csipose::train {
 namespace {
 
 constexpr std::size_t kSheetWindows = 12;
+constexpr double kMostOff = 0.005;  // of a figure, from processor to processor
 
 struct Options {
-  std::string model, data, training, out;
+  std::string model, out, expected;
+  std::vector<std::string> data, training;
   EngineOptions engine;
   bool drop_receivers = false;
 };
@@ -97,8 +101,8 @@ nlohmann::ordered_json reliability_json(const Reliability& stated) {
   return {{"stated", stated.count()}, {"ece", stated.expected_error()}};
 }
 
-void write_report(const Options& options, const Model& model, const Engine& engine,
-                  const std::vector<NamedFigures>& rows) {
+nlohmann::ordered_json report_of(const Options& options, const Model& model, const Engine& engine,
+                                 const std::vector<NamedFigures>& rows) {
   nlohmann::ordered_json report;
   report["model"] = model.file_name();
   report["sha256"] = model.digest();
@@ -116,7 +120,24 @@ void write_report(const Options& options, const Model& model, const Engine& engi
     if (row.figures.joints.count() > 0)
       results["calibration"]["joints"] = reliability_json(row.figures.joints);
   }
-  write_file_atomically(std::filesystem::path(options.out) / "metrics.json", ByteView(report.dump(1) + "\n"));
+  return report;
+}
+
+/// Throws when the report that options.expected names says otherwise.
+void compare_with_expected(const Options& options, const nlohmann::ordered_json& report) {
+  std::ifstream file(options.expected);
+  const auto expected = nlohmann::json::parse(file, nullptr, false);
+  if (expected.is_discarded())
+    throw SetupError(ExitStatus::no_input,
+                     fmt::format("{} (--expect) is no report that eval --out has written", options.expected));
+  const auto differences = report_differences(expected, nlohmann::json::parse(report.dump()), kMostOff);
+  if (!differences.empty())
+    throw SetupError(
+        ExitStatus::runtime,
+        fmt::format("the weights, their report and this evaluation disagree in {} places, first: {}. "
+                    "If the weights or the data were meant to change, write {} anew",
+                    differences.size(), differences.front(), options.expected));
+  fmt::print("as {} says\n", options.expected);
 }
 
 void make_folder(const std::string& folder) {
@@ -139,9 +160,10 @@ struct Seen {
   }
 };
 
-void write_pictures(const Options& options, const Seen& seen, const std::vector<NamedFigures>& rows) {
-  const std::string title = fmt::format("{} on {}", std::filesystem::path(options.model).filename().string(),
-                                        std::filesystem::path(options.data).filename().string());
+void write_pictures(const Options& options, const EvaluationSet& set, const Seen& seen,
+                    const std::vector<NamedFigures>& rows) {
+  const std::string title =
+      fmt::format("{} on {}", std::filesystem::path(options.model).filename().string(), set.windows->name());
   std::vector<NamedFigures> compared = {rows.front()};
   for (const NamedFigures& row : rows)
     if (row.name == "mean_at_room" || row.name == "mean_at_root") compared.push_back(row);
@@ -158,11 +180,11 @@ void write_pictures(const Options& options, const Seen& seen, const std::vector<
 
 void run(const Options& options) {
   const std::shared_ptr<const Model> model = Model::load(options.model);
-  const EvaluationSet set = open_evaluation_set(options.data);
-  const EvaluationSet training = open_evaluation_set(options.training);
+  const EvaluationSet set = open_evaluation_sets(options.data);
+  const EvaluationSet training = open_evaluation_sets(options.training);
   const std::unique_ptr<Engine> engine = make_engine(options.engine, model);
   fmt::print("{} ({}), {} windows of {}\n", options.model, engine->describe(), set.windows->size(),
-             options.data);
+             set.windows->name());
   const bool watched = ::isatty(STDERR_FILENO) == 1;
   if (!options.out.empty()) make_folder(options.out);  // better now than after an hour
   Seen seen{spread_windows(*set.windows, kSheetWindows), {}, {}};
@@ -179,9 +201,11 @@ void run(const Options& options) {
   print_table(Protocol::detect, rows);
   print_table(Protocol::piw3d, rows);
   print_reliability(rows);
+  const nlohmann::ordered_json report = report_of(options, *model, *engine, rows);
+  if (!options.expected.empty()) compare_with_expected(options, report);
   if (options.out.empty()) return;
-  write_report(options, *model, *engine, rows);
-  write_pictures(options, seen, rows);
+  write_file_atomically(std::filesystem::path(options.out) / "metrics.json", ByteView(report.dump(1) + "\n"));
+  write_pictures(options, set, seen, rows);
 }
 
 }  // namespace
@@ -191,12 +215,16 @@ void add_eval(CLI::App& app) {
   CLI::App* command =
       app.add_subcommand("eval", "a weights file on labelled windows, by the daemon's engine");
   command->add_option("--model", options->model, "weights, .safetensors")->required();
-  command->add_option("--data", options->data, "folder of windows with labels that were not trained on")
+  command->add_option("--data", options->data, "folders of windows with labels that were not trained on")
       ->required();
   command
-      ->add_option("--train", options->training, "folder of windows that were: the mean poses come from it")
+      ->add_option("--train", options->training,
+                   "folders of windows that were, in the same order of rooms: the mean poses come from them")
       ->required();
   command->add_option("--out", options->out, "folder for metrics.json and pictures");
+  command->add_option(
+      "--expect", options->expected,
+      "metrics.json of another day: fails when the weights' digest or a figure is not as there");
   add_engine_options(*command, options->engine);
   command->add_flag("--drop-receivers", options->drop_receivers,
                     "also with each receiver, and each two, absent");

@@ -132,6 +132,38 @@ void match_detections(std::vector<Detection>& detections, std::span<const Skelet
   }
 }
 
+/// Sources one after another.
+class JoinedWindows : public WindowSource {
+ public:
+  explicit JoinedWindows(std::vector<std::shared_ptr<const WindowSource>> parts) : parts_(std::move(parts)) {
+    for (const auto& part : parts_) {
+      first_.push_back(size_);
+      size_ += part->size();
+      name_ += (name_.empty() ? "" : " + ") + part->name();
+    }
+  }
+  std::size_t size() const override { return size_; }
+  std::string name() const override { return name_; }
+  void read(std::size_t i, std::span<float> x) const override {
+    parts_[part(i)]->read(i - first_[part(i)], x);
+  }
+  std::span<const Skeleton> people(std::size_t i) const override {
+    return parts_[part(i)]->people(i - first_[part(i)]);
+  }
+  std::uint64_t clip(std::size_t i) const override {
+    return std::uint64_t{part(i)} << 32 | parts_[part(i)]->clip(i - first_[part(i)]);
+  }
+
+ private:
+  std::size_t part(std::size_t i) const {
+    return static_cast<std::size_t>(std::upper_bound(first_.begin(), first_.end(), i) - first_.begin()) - 1;
+  }
+  std::vector<std::shared_ptr<const WindowSource>> parts_;
+  std::vector<std::size_t> first_;
+  std::size_t size_ = 0;
+  std::string name_;
+};
+
 }  // namespace
 
 EvaluationSet open_evaluation_set(const std::filesystem::path& folder) {
@@ -145,6 +177,19 @@ EvaluationSet open_evaluation_set(const std::filesystem::path& folder) {
   set.rooms = read_rooms(folder, set.windows->size());
   set.rooms.resize(set.windows->size());  // without room.npy: one room for all
   return set;
+}
+
+EvaluationSet open_evaluation_sets(const std::vector<std::string>& folders) {
+  std::vector<std::shared_ptr<const WindowSource>> parts;
+  std::vector<std::uint8_t> rooms;
+  for (const std::string& folder : folders) {
+    EvaluationSet set = open_evaluation_set(folder);
+    const int first = rooms.empty() ? 0 : 1 + *std::max_element(rooms.begin(), rooms.end());
+    for (const std::uint8_t room : set.rooms) rooms.push_back(static_cast<std::uint8_t>(first + room));
+    parts.push_back(std::move(set.windows));
+  }
+  if (parts.size() == 1) return {parts.front(), std::move(rooms)};
+  return {std::make_shared<JoinedWindows>(std::move(parts)), std::move(rooms)};
 }
 
 void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,

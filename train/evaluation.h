@@ -34,6 +34,9 @@ struct EvaluationSet {
 };
 /// Throws SetupError as open_window_folder() does, and where no window has a label.
 EvaluationSet open_evaluation_set(const std::filesystem::path& folder);
+/// Several as one, one after another: clips of different folders are different clips, and so are rooms, which count on from
+/// folder to folder. At least one.
+EvaluationSet open_evaluation_sets(const std::vector<std::string>& folders);
 
 /// Somebody whom `detect` gives, or would give with a lower threshold.
 struct Detection {

@@ -1,10 +1,14 @@
 // What ships is what is measured: the engine's own answers as labels give no error, and the trivial answers have closed forms.
 #include "train/evaluation.h"
 
+#include <unistd.h>
+
 #include <cmath>
 
 #include "model/config.h"
 #include "proto/npy.h"
+#include "train/pack.h"
+#include "train/report_differences.h"
 
 namespace csipose::train {
 namespace {
@@ -174,6 +178,93 @@ TEST(EvaluateTrivial, ClosedForms) {
   const GroupMetrics last = piw3d(rows, "last_pose").all();
   EXPECT_NEAR(last.frame_mean.mpjpe, 200, 1e-3);
   EXPECT_EQ(last.frames_unmatched, 2u) << "first windows of clips have no window before them";
+}
+
+// What ships is the network in half the bytes, and nothing else.
+TEST(Pack, KeepsTheNetworkToFloat16AndDropsWhatOnlyTrainingNeeds) {
+  std::map<std::string, std::string> metadata;
+  SafetensorsFile whole =
+      SafetensorsFile::parse(random_weights(preset_config("micro"), 4, HeadInit::random), "whole");
+  metadata = whole.metadata();
+  metadata["progress"] = "{}";
+  std::vector<TensorView> views = whole.tensors();
+  views.push_back(*whole.find("encoder.norm.bias"));
+  views.back().name = "target_encoder.norm.bias";
+  whole = SafetensorsFile::parse(pack_safetensors(metadata, views), "whole");
+
+  const SafetensorsFile packed =
+      SafetensorsFile::parse(pack_for_shipping(whole, {{"metrics", "{\"a\":1}"}}), "packed");
+  EXPECT_TRUE(packed.sealed());
+  EXPECT_EQ(packed.metadata().count("progress"), 0u);
+  EXPECT_EQ(packed.metadata().at("metrics"), "{\"a\":1}");
+  EXPECT_EQ(packed.find("target_encoder.norm.bias"), nullptr);
+  EXPECT_EQ(packed.tensors().size() + 1, whole.tensors().size());
+  for (const TensorView& tensor : packed.tensors()) {
+    EXPECT_EQ(tensor.dtype, tensor.name.rfind("norm.", 0) == 0 ? DType::f32 : DType::f16) << tensor.name;
+    const std::vector<float> half = to_floats(tensor), full = to_floats(*whole.find(tensor.name));
+    for (std::size_t i = 0; i < full.size(); ++i)
+      ASSERT_NEAR(half[i], full[i], std::ldexp(std::fabs(full[i]), -11) + 6e-8) << tensor.name;
+  }
+  EXPECT_NO_THROW(Model::from(packed));
+}
+
+TEST(Pack, RefusesWhatFloat16HasNot) {
+  const SafetensorsFile whole =
+      SafetensorsFile::parse(random_weights(preset_config("micro"), 4, HeadInit::random), "whole");
+  std::vector<TensorView> views = whole.tensors();
+  std::vector<float> large = to_floats(views[3]);
+  large[0] = 7e4f;
+  views[3].bytes =
+      ByteView(reinterpret_cast<const std::uint8_t*>(large.data()), large.size() * sizeof(float));
+  const SafetensorsFile broken = SafetensorsFile::parse(pack_safetensors(whole.metadata(), views), "broken");
+  EXPECT_THROW(pack_for_shipping(broken, {}), SetupError);
+}
+
+TEST(EvaluationSets, AreOneAfterTheOther) {
+  const auto folder =
+      std::filesystem::temp_directory_path() / ("csipose_joined_" + std::to_string(::getpid()));
+  std::vector<std::string> names;
+  for (int f = 0; f < 2; ++f) {
+    names.push_back((folder / std::to_string(f)).string());
+    std::filesystem::create_directories(names.back());
+    const std::vector<float> windows(2 * kChannels * kTokens, static_cast<float>(f)),
+        labels(2 * kPose, static_cast<float>(f + 1));
+    const std::vector<std::uint32_t> clips = {3, 3};
+    const std::vector<std::uint8_t> rooms = {0, static_cast<std::uint8_t>(1 - f)};
+    write_npy<float>(names.back() + "/windows.npy", {2, kChannels, kSamples, kLinks}, windows);
+    write_npy<float>(names.back() + "/labels.npy", {2, 1, kJoints, 3}, labels);
+    write_npy<std::uint32_t>(names.back() + "/clip.npy", {2}, clips);
+    write_npy<std::uint8_t>(names.back() + "/room.npy", {2}, rooms);
+  }
+  const EvaluationSet set = open_evaluation_sets(names);
+  ASSERT_EQ(set.windows->size(), 4u);
+  EXPECT_EQ(set.rooms, (std::vector<std::uint8_t>{0, 1, 2, 2}));
+  EXPECT_NE(set.windows->clip(1), set.windows->clip(2));
+  EXPECT_EQ(set.windows->clip(2), set.windows->clip(3));
+  EXPECT_EQ(set.windows->people(1)[0][0].x, 1);
+  EXPECT_EQ(set.windows->people(2)[0][0].x, 2);
+  std::vector<float> x(kChannels * kTokens);
+  set.windows->read(3, x);
+  EXPECT_EQ(x[0], 1);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(ReportDifferences, NamesWhatDisagrees) {
+  const auto report = nlohmann::json::parse(
+      R"({"sha256":"ab","results":{"model":{"detect":{"all":{"mpjpe":200.0,"n":3},"per_joint":[1,2]}}}})");
+  EXPECT_TRUE(report_differences(report, report, 0.005).empty());
+  nlohmann::json other = report;
+  other["results"]["model"]["detect"]["all"]["mpjpe"] = 200.9;
+  other["results"]["more"] = 1;
+  EXPECT_TRUE(report_differences(report, other, 0.005).empty());
+  other["results"]["model"]["detect"]["all"]["mpjpe"] = 201.1;
+  ASSERT_EQ(report_differences(report, other, 0.005).size(), 1u);
+  EXPECT_NE(report_differences(report, other, 0.005)[0].find("mpjpe"), std::string::npos);
+  other = report;
+  other["sha256"] = "cd";
+  other["results"]["model"]["detect"]["per_joint"] = {1};
+  EXPECT_EQ(report_differences(report, other, 0.005).size(), 2u);
+  EXPECT_FALSE(report_differences(nlohmann::json::object(), report, 0.005).empty());
 }
 
 }  // namespace

@@ -1,0 +1,19 @@
+// train/pack.h - a trained weights file as it ships: half the size, nothing that only training needs.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "model/safetensors.h"
+
+namespace csipose::train {
+
+/// Bytes of `file` with every matrix and vector of the network as float16; scalars and calibration stay float32. Without
+/// predictor, target encoder and the run's memory. `extra` adds or replaces metadata. A number beyond float16 (65504) throws
+/// SetupError (bad_data): weights that large are no weights.
+std::vector<std::uint8_t> pack_for_shipping(const SafetensorsFile& file,
+                                            const std::map<std::string, std::string>& extra);
+
+}  // namespace csipose::train
