@@ -47,7 +47,8 @@ std::vector<std::uint8_t> pack_for_shipping(const SafetensorsFile& file,
     views.back().bytes = ByteView(kept.back().data(), kept.back().size());
   }
   std::map<std::string, std::string> metadata = file.metadata();
-  for (const char* only_while_training : {"progress", "content_sha256"}) metadata.erase(only_while_training);
+  for (const char* only_while_training : {"progress", "run", "content_sha256"})
+    metadata.erase(only_while_training);
   for (const auto& [key, value] : extra) metadata[key] = value;
   return pack_safetensors(std::move(metadata), views);
 }

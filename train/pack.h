@@ -11,7 +11,7 @@
 namespace csipose::train {
 
 /// Bytes of `file` with every matrix and vector of the network as float16; scalars and calibration stay float32. Without
-/// predictor, target encoder and the run's memory. `extra` adds or replaces metadata. A number beyond float16 (65504) throws
+/// predictor, target encoder, and the run's memory and settings, which name folders of the machine it was trained on. `extra` adds or replaces metadata. A number beyond float16 (65504) throws
 /// SetupError (bad_data): weights that large are no weights.
 std::vector<std::uint8_t> pack_for_shipping(const SafetensorsFile& file,
                                             const std::map<std::string, std::string>& extra);

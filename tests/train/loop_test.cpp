@@ -34,6 +34,9 @@ class Runs : public ::testing::Test {
     settings_.pretrain.batch = settings_.finetune.batch = 8;
     settings_.pretrain.epochs = settings_.finetune.epochs = 1;
     settings_.finetune.sigma_epochs = 0;
+    // Small networks and few steps: the published start, nothing beside the matched losses.
+    settings_.network.init = "fixed";
+    settings_.finetune.ordered = settings_.finetune.warm_up = 0;
   }
   ~Runs() override { fs::remove_all(folder_); }
 
@@ -194,7 +197,9 @@ TEST_F(Runs, StepsSeeAFewSamplesAtFirstAndAllInTheEnd) {
       samples.insert(token / static_cast<std::int64_t>(kLinks));
       EXPECT_EQ(token % static_cast<std::int64_t>(kLinks),
                 i % static_cast<int>(kLinks));  // all links of each sample
-      if (i > 0) EXPECT_GT(token, early[w][i - 1].item<std::int64_t>());
+      if (i > 0) {
+        EXPECT_GT(token, early[w][i - 1].item<std::int64_t>());
+      }
     }
     EXPECT_EQ(samples.size(), 5u);
   }
@@ -343,8 +348,10 @@ TEST_F(Runs, TwoProcessesMakeTheStepsOfOne) {
   for (const std::string file : {"jepa/pretrained.safetensors", "tuned/last.safetensors"}) {
     const Parameters one = read_weights(folder_ / "one" / file).parameters,
                      two = read_weights(folder_ / "two" / file).parameters;
+    // Where a gradient is nothing but rounding, AdamW makes whole steps of it: single numbers may differ, tensors not.
     for (const auto& [name, tensor] : one)
-      EXPECT_LT((tensor - two[name]).abs().max().item<double>(), 2e-5) << file << ' ' << name;
+      EXPECT_LT((tensor - two[name]).norm().item<double>(), 1e-3 * std::max(1., tensor.norm().item<double>()))
+          << file << ' ' << name;
   }
 }
 
