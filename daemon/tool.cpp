@@ -48,6 +48,13 @@ std::string sibling_program(const std::string& name) {
   return path;
 }
 
+std::string shipped_weights() {
+  std::error_code error;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+  const auto path = self.parent_path().parent_path() / "share/csiposed/models/simulated-rooms.safetensors";
+  return !error && std::filesystem::exists(path, error) ? path.string() : "";
+}
+
 void become_sibling(const std::string& name, const std::vector<std::string>& arguments) {
   std::string path = sibling_program(name);
   std::vector<std::string> words = arguments;

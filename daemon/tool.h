@@ -30,6 +30,8 @@ ToolOptions& mutable_tool_options();
 
 /// Full path of a program that lies in the folder of this one. Throws SetupError when it is not there.
 std::string sibling_program(const std::string& name);
+/// The weights that came with the program, ../share/csiposed/models/simulated-rooms.safetensors from where it lies; "" when there are none.
+std::string shipped_weights();
 /// Becomes that program; returns only by throwing SetupError.
 [[noreturn]] void become_sibling(const std::string& name, const std::vector<std::string>& arguments);
 /// The entry of `known` that `word` was most likely meant to be; empty when none is near.
