@@ -14,10 +14,12 @@
 #include "bvh_text.h"
 #include "proto/npy.h"
 #include "proto/recording.h"
+#include "tests/file_bytes.h"
 
 namespace csipose::sim {
 namespace {
 namespace fs = std::filesystem;
+using csipose::testing::file_bytes;
 
 struct Outcome {
   int status;
@@ -32,11 +34,6 @@ Outcome run(const std::string& arguments) {
     outcome.words.append(buffer.data(), got);
   outcome.status = WEXITSTATUS(pclose(pipe));
   return outcome;
-}
-
-std::string bytes(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 class Commands : public ::testing::Test {
@@ -55,9 +52,9 @@ TEST_F(Commands, WritesThreeLogsTheSameForTheSameSeed) {
   ASSERT_EQ(run("record --seconds 0.5 --out " + (folder_ / "b").string()).status, 0);
   ASSERT_EQ(run("record --seconds 0.5 --seed 2 --out " + (folder_ / "c").string()).status, 0);
   for (const char* name : {"rx1.dat", "rx2.dat", "rx3.dat"}) {
-    EXPECT_GT(bytes(folder_ / "a" / name).size(), 100 * 215u);
-    EXPECT_EQ(bytes(folder_ / "a" / name), bytes(folder_ / "b" / name));
-    EXPECT_NE(bytes(folder_ / "a" / name), bytes(folder_ / "c" / name));
+    EXPECT_GT(file_bytes(folder_ / "a" / name).size(), 100 * 215u);
+    EXPECT_EQ(file_bytes(folder_ / "a" / name), file_bytes(folder_ / "b" / name));
+    EXPECT_NE(file_bytes(folder_ / "a" / name), file_bytes(folder_ / "c" / name));
   }
   EXPECT_EQ(read_npy<float>(folder_ / "a" / "truth.npy").shape, (NpyShape{150, 1, 14, 3}));
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "a"), {}), 4) << "nothing else is left";
@@ -106,7 +103,7 @@ TEST_F(Commands, AHumanDataSetIsTheSameHoweverOftenItWasInterrupted) {
         stopped.string() + " & sleep 0.3; kill -9 $!; wait $!");
   ASSERT_EQ(run(common + stopped.string()).status, 0);
   for (const auto& entry : fs::directory_iterator(whole))
-    EXPECT_EQ(bytes(entry.path()), bytes(stopped / entry.path().filename())) << entry.path();
+    EXPECT_EQ(file_bytes(entry.path()), file_bytes(stopped / entry.path().filename())) << entry.path();
   const auto labels = read_npy<float>(whole / "labels.npy");
   EXPECT_EQ(labels.shape, (NpyShape{6, 3, 14, 3}));
   EXPECT_EQ(run("dataset human --room nowhere.json --out " + (folder_ / "x").string()).status, 66);
@@ -120,9 +117,9 @@ TEST_F(Commands, ARecordingHasTheBytesOfTheLogsAndTheTruth) {
   ASSERT_EQ(run(scene + (folder_ / "logs").string()).status, 0);
   ASSERT_EQ(run(scene + (folder_ / "a.mcap").string()).status, 0);
   ASSERT_EQ(run(scene + (folder_ / "b.mcap").string()).status, 0);
-  EXPECT_EQ(bytes(folder_ / "a.mcap"), bytes(folder_ / "b.mcap")) << "its clock begins at 0";
+  EXPECT_EQ(file_bytes(folder_ / "a.mcap"), file_bytes(folder_ / "b.mcap")) << "its clock begins at 0";
   EXPECT_FALSE(fs::exists(folder_ / "a.mcap.part"));
-  const std::string file = bytes(folder_ / "a.mcap");
+  const std::string file = file_bytes(folder_ / "a.mcap");
   RecordingReader reader(file, "a.mcap");
   std::array<std::string, kReceivers> logs;
   Packet packet;
@@ -130,7 +127,7 @@ TEST_F(Commands, ARecordingHasTheBytesOfTheLogsAndTheTruth) {
   while (reader.next(packet, pose) == RecordingReader::Item::packet)
     logs[packet.receiver].append(reinterpret_cast<const char*>(packet.records.data()), packet.records.size());
   for (std::size_t r = 0; r < kReceivers; ++r)
-    EXPECT_EQ(logs[r], bytes(folder_ / "logs" / ("rx" + std::to_string(r + 1) + ".dat")));
+    EXPECT_EQ(logs[r], file_bytes(folder_ / "logs" / ("rx" + std::to_string(r + 1) + ".dat")));
   EXPECT_EQ(reader.info().source, Source::simulated);
   EXPECT_EQ(reader.stats().foreign, 0u) << "the truth is known";
 }
@@ -146,7 +143,7 @@ TEST_F(Commands, SolveWritesTheChannelAndEveryPath) {
   EXPECT_EQ(read_npy<std::complex<float>>(h).shape, (NpyShape{2, 1, 1, 1}));
   ASSERT_EQ(run("solve --reference " + (folder_ / "s.json").string() + " --out " + h.string()).status, 0);
   EXPECT_EQ(read_npy<std::complex<double>>(h).shape, (NpyShape{2, 1, 1, 1}));
-  const std::string lines = bytes(paths);
+  const std::string lines = file_bytes(paths);
   EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 4);  // two snapshots: direct, and by the ball
   EXPECT_NE(lines.find(R"("type":"body","body":0,"pair":[-1,-1],"face":null)"), std::string::npos) << lines;
   EXPECT_EQ(run("solve " + (folder_ / "none.json").string() + " --out " + h.string()).status, 66);
@@ -165,11 +162,11 @@ TEST_F(Commands, SaysSoWhenTheDiskIsFull) {
 TEST_F(Commands, RendersAPictureOrAFilm) {
   const std::string small = "render --scene office --width 320 --height 180 --past 0.1 --at 0.1 --out ";
   ASSERT_EQ(run(small + (folder_ / "a.png").string()).status, 0);
-  EXPECT_EQ(bytes(folder_ / "a.png").substr(1, 3), "PNG");
+  EXPECT_EQ(file_bytes(folder_ / "a.png").substr(1, 3), "PNG");
   const Outcome film = run(small + (folder_ / "c.mp4").string() + " --seconds 0.05 --fps 20");
   ASSERT_EQ(film.status, 0) << film.words;
   EXPECT_NE(film.words.find("1 pictures"), std::string::npos);
-  EXPECT_EQ(bytes(folder_ / "c.mp4").substr(4, 4), "ftyp");
+  EXPECT_EQ(file_bytes(folder_ / "c.mp4").substr(4, 4), "ftyp");
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_), {}), 2) << "nothing half-written is left";
 }
 

@@ -9,17 +9,14 @@
 #include "proto/result.h"
 #include "sim/frame_maker.h"
 #include "sim/object_clip.h"
+#include "tests/file_bytes.h"
 
 namespace csipose::sim {
 namespace {
 namespace fs = std::filesystem;
+using csipose::testing::file_bytes;
 constexpr std::uint32_t kClips = 3, kFrames = 2;
 constexpr std::uint64_t kSeed = 4;
-
-std::string bytes(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 class DatasetTest : public ::testing::Test {
  protected:
@@ -50,9 +47,10 @@ class DatasetTest : public ::testing::Test {
   }
   void expect_same(const char* a, const char* b) {
     for (const ArrayPlan& array : frame_arrays(Storage::records))
-      EXPECT_EQ(bytes(folder_ / a / (array.name + ".npy")), bytes(folder_ / b / (array.name + ".npy")))
+      EXPECT_EQ(file_bytes(folder_ / a / (array.name + ".npy")),
+                file_bytes(folder_ / b / (array.name + ".npy")))
           << array.name;
-    EXPECT_EQ(bytes(folder_ / a / "dataset.json"), bytes(folder_ / b / "dataset.json"));
+    EXPECT_EQ(file_bytes(folder_ / a / "dataset.json"), file_bytes(folder_ / b / "dataset.json"));
   }
   fs::path folder_;
 };

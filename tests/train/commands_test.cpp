@@ -7,17 +7,14 @@
 #include "proto/result.h"
 #include "tests/daemon/program.h"
 #include "tests/daemon/scratch_folder.h"
+#include "tests/file_bytes.h"
 
 namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
+using csipose::testing::file_bytes;
 constexpr std::size_t kWindows = 12;
-
-std::string bytes(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 /// Random weights that are sure of everybody, and windows in every other one of which its best guess is there.
 class Commands : public ::testing::Test {
@@ -65,7 +62,7 @@ class Commands : public ::testing::Test {
     fs::remove(log_);
     return testing::Program("csipose-train", arguments, log_).wait();
   }
-  std::string complaint() const { return bytes(log_); }
+  std::string complaint() const { return file_bytes(log_); }
 
   testing::ScratchFolder scratch_;
   std::string model_ = scratch_ / "w.safetensors", set_ = scratch_ / "set", out_ = scratch_ / "out",
@@ -73,9 +70,9 @@ class Commands : public ::testing::Test {
 };
 
 TEST_F(Commands, CalibrateWritesWhatEvalThenMeasures) {
-  const std::string before = bytes(model_);
+  const std::string before = file_bytes(model_);
   ASSERT_EQ(run("calibrate", {"--model", model_, "--data", set_, "--out", out_}), 0) << complaint();
-  EXPECT_EQ(bytes(model_), before);
+  EXPECT_EQ(file_bytes(model_), before);
   const auto file = SafetensorsFile::read(out_);
   const auto account = nlohmann::json::parse(Model::from(file)->provenance().confidences);
   EXPECT_EQ(account["data"], "set");
@@ -85,14 +82,14 @@ TEST_F(Commands, CalibrateWritesWhatEvalThenMeasures) {
 
   ASSERT_EQ(run("eval", {"--model", out_, "--data", set_, "--train", set_, "--out", scratch_ / "report"}), 0)
       << complaint();
-  const auto report = nlohmann::json::parse(bytes(scratch_ / "report/metrics.json"));
+  const auto report = nlohmann::json::parse(file_bytes(scratch_ / "report/metrics.json"));
   const auto& calibration = report["results"]["model"]["calibration"];
   EXPECT_EQ(calibration["joints"]["stated"], kJoints * kWindows / 2);
   EXPECT_NEAR(calibration["joints"]["ece"].get<double>(), account["ece_joints"][1].get<double>(), 1e-9);
   EXPECT_NEAR(calibration["score"]["ece"].get<double>(), account["ece_score"][1].get<double>(), 1e-9);
   EXPECT_FALSE(report["results"]["mean_pose"].contains("calibration"));
   for (const char* picture : {"skeletons.png", "joints.png", "counts.png"})
-    EXPECT_EQ(bytes(scratch_ / "report/" + picture).substr(1, 3), "PNG") << picture;
+    EXPECT_EQ(file_bytes(scratch_ / "report/" + picture).substr(1, 3), "PNG") << picture;
 }
 
 TEST_F(Commands, CalibrateInPlaceAgainChangesNothing) {
@@ -105,7 +102,7 @@ TEST_F(Commands, CalibrateInPlaceAgainChangesNothing) {
 }
 
 TEST_F(Commands, WhatCannotBeCalibratedIsLeftAlone) {
-  const std::string before = bytes(model_);
+  const std::string before = file_bytes(model_);
   const auto status = [](ExitStatus expected) { return static_cast<int>(expected); };
   EXPECT_EQ(run("calibrate", {"--model", model_, "--data", scratch_ / "nowhere"}),
             status(ExitStatus::no_input));
@@ -116,7 +113,7 @@ TEST_F(Commands, WhatCannotBeCalibratedIsLeftAlone) {
   fs::remove(fs::path(set_) / "labels.npy");
   EXPECT_EQ(run("calibrate", {"--model", model_, "--data", set_}), status(ExitStatus::bad_data));
   EXPECT_NE(complaint().find("labels.npy"), std::string::npos) << complaint();
-  EXPECT_EQ(bytes(model_), before);
+  EXPECT_EQ(file_bytes(model_), before);
 }
 
 }  // namespace

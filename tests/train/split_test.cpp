@@ -7,6 +7,7 @@
 #include <set>
 
 #include "tests/train/made_up_published.h"
+#include "tests/train/numbered_folder.h"
 #include "train/window_folder.h"
 #include "train/window_folder_set.h"
 
@@ -14,6 +15,7 @@ namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
+using csipose::testing::write_numbered_folder;
 using csipose::testing::write_published_split;
 
 void ignore(const std::string&) {}
@@ -22,17 +24,6 @@ class Splits : public ::testing::Test {
  protected:
   void TearDown() override { fs::remove_all(folder_); }
 
-  /// 2 rooms of 10 clips of 5 windows; window i says i everywhere.
-  void write_set(const fs::path& to) const {
-    WindowFolderWriter writer(to);
-    std::vector<float> x(kChannels * kTokens);
-    for (std::uint32_t i = 0; i < 100; ++i) {
-      std::ranges::fill(x, static_cast<float>(i));
-      const std::vector<Skeleton> people(i % 3);
-      writer.add({x, i / 5, static_cast<std::uint8_t>(i / 50), people});
-    }
-    writer.finish({"simulated", true, {{0, "office"}, {1, "hall"}, {2, "nobody was here"}}});
-  }
   /// Which windows are in the folder.
   static std::vector<int> windows_in(const fs::path& folder) {
     const auto source = open_window_folder(folder);
@@ -75,7 +66,7 @@ class Splits : public ::testing::Test {
 };
 
 TEST_F(Splits, EachEnvironmentByItself) {
-  write_set(folder_ / "set");
+  write_numbered_folder(folder_ / "set");
   const auto parts = split({folder_ / "set", folder_ / "out", SplitBy::environment, 0.1, 0, {}}, ignore);
   ASSERT_EQ(parts.size(), 2u);
   EXPECT_EQ(parts[0].name, "hall");
@@ -89,7 +80,7 @@ TEST_F(Splits, EachEnvironmentByItself) {
 }
 
 TEST_F(Splits, WholeClipsOfEveryRoom) {
-  write_set(folder_ / "set");
+  write_numbered_folder(folder_ / "set");
   const SplitJob job{folder_ / "set", folder_ / "out", SplitBy::clip, 0.2, 7, {}};
   const std::vector<int> taken = drawn(job);
   std::set<int> clips, in_hall;
@@ -107,7 +98,7 @@ TEST_F(Splits, WholeClipsOfEveryRoom) {
 }
 
 TEST_F(Splits, SomeWindowsOfEveryClip) {
-  write_set(folder_ / "set");
+  write_numbered_folder(folder_ / "set");
   std::map<int, int> of_clip;
   for (const int window : drawn({folder_ / "set", folder_ / "out", SplitBy::window, 0.4, 3, {}}))
     ++of_clip[window / 5];

@@ -3,12 +3,14 @@
 
 #include <unistd.h>
 
+#include "tests/train/numbered_folder.h"
 #include "train/window_folder.h"
 
 namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
+using csipose::testing::write_numbered_folder;
 
 void ignore(const std::string&) {}
 
@@ -16,23 +18,11 @@ class Folders : public ::testing::Test {
  protected:
   void TearDown() override { fs::remove_all(folder_); }
 
-  /// 2 rooms of 10 clips of 5 windows; window i says i everywhere.
-  void write_set(const fs::path& to) const {
-    WindowFolderWriter writer(to);
-    std::vector<float> x(kChannels * kTokens);
-    for (std::uint32_t i = 0; i < 100; ++i) {
-      std::ranges::fill(x, static_cast<float>(i));
-      const std::vector<Skeleton> people(i % 3);
-      writer.add({x, i / 5, static_cast<std::uint8_t>(i / 50), people});
-    }
-    writer.finish({"simulated", true, {{0, "office"}, {1, "hall"}, {2, "nobody was here"}}});
-  }
-
   fs::path folder_ = fs::temp_directory_path() / fmt::format("csipose-folders-{}", ::getpid());
 };
 
 TEST_F(Folders, ComeBackAsTheyWereWritten) {
-  write_set(folder_ / "set");
+  write_numbered_folder(folder_ / "set");
   const auto set = open_data_set(folder_ / "set", {});
   EXPECT_EQ(set->about().kind, "simulated");
   EXPECT_TRUE(set->about().labelled);
@@ -78,7 +68,7 @@ TEST_F(Folders, NobodysFilesAreWrittenOver) {
     }
     return std::string("none");
   };
-  write_set(folder_ / "set");
+  write_numbered_folder(folder_ / "set");
   EXPECT_NE(refusal_of(folder_ / "set").find("holds windows already"), std::string::npos);
   fs::create_directories(folder_ / "other");
   std::ofstream(folder_ / "other/clip.npy") << "of a simulated set";
