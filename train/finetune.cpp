@@ -94,9 +94,24 @@ TokenList tokens_of(std::vector<std::size_t> samples, const LinkSet& links) {
   return tokens;
 }
 
+NetworkConfig network_of(const RunSettings& settings) {
+  NetworkConfig config = preset_config(settings.network.preset);
+  config.identity_conditioning = settings.network.identity_conditioning;
+  config.joint_sigma = config.identity_conditioning && settings.finetune.sigma_epochs > 0;
+  return config;
+}
+
+/// Of the run's steps those that teach poses; the head for the expected error learns in the rest.
+std::uint64_t pose_steps(const RunSettings& settings, const Moment& now) {
+  const auto pose = static_cast<std::uint64_t>(settings.finetune.epochs);
+  const auto sigma =
+      static_cast<std::uint64_t>(network_of(settings).joint_sigma ? settings.finetune.sigma_epochs : 0);
+  return now.total / (pose + sigma) * pose;
+}
+
 /// How many of a window's samples are encoded in this step.
 std::size_t samples_of_step(const RunSettings& settings, const Moment& now) {
-  const auto all_from = settings.finetune.all_samples_from * static_cast<double>(now.total);
+  const auto all_from = settings.finetune.all_samples_from * static_cast<double>(pose_steps(settings, now));
   return static_cast<double>(now.step) > all_from ? kSamples
                                                   : static_cast<std::size_t>(settings.finetune.samples);
 }
@@ -137,7 +152,7 @@ class Poses3d : public Objective {
   const Weights& weights() override { return weights_; }
 
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures& figures) override {
-    if (sigma_phase(now) && now.step == pose_steps(now) + 1) begin_sigma_phase();
+    if (sigma_phase(now) && now.step == pose_steps(settings_, now) + 1) begin_sigma_phase();
     seed_dropout(now);
     const at::Tensor tokens = pool_.tokens(windows);
     at::Tensor left = surviving_tokens(settings_, now, windows);
@@ -163,7 +178,7 @@ class Poses3d : public Objective {
   }
 
   double make_step(const Moment& now, Figures& figures) override {
-    const double lr = sigma_phase(now) ? kSigmaLr : recipe_.rate(now.step, pose_steps(now));
+    const double lr = sigma_phase(now) ? kSigmaLr : recipe_.rate(now.step, pose_steps(settings_, now));
     const double norm = settings_.finetune.clip > 0 ? optimiser_.clip_gradients(settings_.finetune.clip)
                                                     : optimiser_.gradient_norm();
     optimiser_.step(lr);
@@ -175,7 +190,7 @@ class Poses3d : public Objective {
   void end_epoch(const Moment& now, Figures& figures) override {
     if (sigma_phase(now)) return;
     const bool judged = !split_.held_out.empty();
-    if (!judged && now.step != pose_steps(now)) return;
+    if (!judged && now.step != pose_steps(settings_, now)) return;
     const double error_m =
         judged ? oracle_error_m(weights_.parameters, weights_.config, pool_, split_.held_out, numerics_) : 0;
     if (judged) figures.emplace_back("held_out_mpjpe_mm", 1000 * error_m);
@@ -198,13 +213,7 @@ class Poses3d : public Objective {
  private:
   fs::path folder() const { return settings_.run.out; }
 
-  std::uint64_t pose_steps(const Moment& now) const {
-    const auto pose = static_cast<std::uint64_t>(settings_.finetune.epochs);
-    const auto sigma =
-        static_cast<std::uint64_t>(weights_.config.joint_sigma ? settings_.finetune.sigma_epochs : 0);
-    return now.total / (pose + sigma) * pose;
-  }
-  bool sigma_phase(const Moment& now) const { return now.step > pose_steps(now); }
+  bool sigma_phase(const Moment& now) const { return now.step > pose_steps(settings_, now); }
 
   /// The poses are done; what follows learns on the best of them.
   void begin_sigma_phase() {
@@ -314,13 +323,6 @@ std::size_t min_links(const RunSettings& settings) {
   if (settings.finetune.lose_two_receivers > 0) return 3;
   if (settings.finetune.lose_receiver > 0 || settings.finetune.lose_links > 0) return 6;
   return kLinks;
-}
-
-NetworkConfig network_of(const RunSettings& settings) {
-  NetworkConfig config = preset_config(settings.network.preset);
-  config.identity_conditioning = settings.network.identity_conditioning;
-  config.joint_sigma = config.identity_conditioning && settings.finetune.sigma_epochs > 0;
-  return config;
 }
 
 Weights initial_weights(const RunSettings& settings, const Pool& pool, const Split& split,

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "model/assignment.h"
+#include "proto/pose.h"
 #include "proto/shape.h"
 
 namespace csipose::train {
@@ -15,7 +16,6 @@ constexpr double kAlpha = 0.25, kGamma = 2;  // focal loss
 constexpr double kPoseCostDivisor = 28;      // 14 joints in two dimensions, kept from 2-D PETR
 constexpr double kLogGuard = 1e-12;
 constexpr std::int64_t kPoseWidth = 3 * kJoints;
-constexpr std::int64_t kLeftHip = 5, kRightHip = 7;  // model/config.h: kJointNames
 
 at::Tensor index_tensor(const std::vector<std::int64_t>& values, const at::Tensor& like) {
   return at::tensor(values, at::kLong).to(like.device());
@@ -48,14 +48,12 @@ void add_layer(SetLoss& loss, const at::Tensor& cls, const at::Tensor& kpt, cons
   loss.kpt = loss.kpt + weights.kpt * squared_error_sum(kpt, matches, people) / pose_divisor(matched);
 }
 
-/// The people of window b by the first coordinate of their roots.
-std::vector<std::int64_t> from_left_to_right(const People& people, std::int64_t b) {
-  std::vector<std::int64_t> order(static_cast<std::size_t>(people.count[static_cast<std::size_t>(b)]));
+/// The first `there` people of poses (M, 42) by the first coordinate of their roots.
+std::vector<std::int64_t> from_left_to_right(const at::Tensor& poses, std::int64_t there) {
+  std::vector<std::int64_t> order(static_cast<std::size_t>(there));
   std::iota(order.begin(), order.end(), std::int64_t{0});
-  if (order.empty()) return order;
-  const at::Tensor poses = people.poses.to(at::kCPU).contiguous();
-  const auto joint = poses.accessor<float, 3>();
-  const auto root_x = [&](std::int64_t p) { return joint[b][p][3 * kLeftHip] + joint[b][p][3 * kRightHip]; };
+  const auto joint = poses.accessor<float, 2>();
+  const auto root_x = [&](std::int64_t p) { return joint[p][3 * kLeftHip] + joint[p][3 * kRightHip]; };
   std::stable_sort(order.begin(), order.end(), [&](auto i, auto j) { return root_x(i) < root_x(j); });
   return order;
 }
@@ -165,8 +163,9 @@ at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features
       at::linear(hidden, parameters["predictor.ordered.2.weight"], parameters["predictor.ordered.2.bias"])
           .view({features.size(0), slots, kPoseWidth + 1});
   Matches matches;  // slot by person, in their order
+  const at::Tensor true_poses = people.poses.to(at::kCPU);
   for (std::int64_t b = 0; b < features.size(0); ++b) {
-    const auto order = from_left_to_right(people, b);
+    const auto order = from_left_to_right(true_poses[b], people.count[static_cast<std::size_t>(b)]);
     for (std::size_t s = 0; s < std::min(order.size(), kOrderedPeople); ++s) {
       matches.window.push_back(b);
       matches.query.push_back(static_cast<std::int64_t>(s));

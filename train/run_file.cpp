@@ -196,7 +196,7 @@ const std::vector<Key>& keys() {
        0,
        1,
        {},
-       "from this share of the steps on all are, as in the daemon"},
+       "from this share of the steps that teach poses on all are, as in the daemon"},
       {"finetune.sigma_epochs",
        FIELD(finetune.sigma_epochs),
        0,
