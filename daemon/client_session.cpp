@@ -7,6 +7,7 @@
 namespace csipose {
 namespace {
 constexpr std::size_t kLengthBytes = 4;
+constexpr double kLongestPeriod_ns = 86400e9;  // a day; rates below that are one frame a day
 
 /// Before a subscription, and after it.
 Subscription nothing_granted() {
@@ -183,7 +184,8 @@ void ClientSession::add_lost(std::uint32_t frames) {
 /// Keeps to max_hz on the frames' own clock, so that a replay is thinned alike at any speed.
 bool ClientSession::is_thinned_out(const PoseFrame& frame) {
   if (granted_.max_hz <= 0 || granted_.max_hz >= limits_.pose_hz) return false;
-  const auto period_ns = static_cast<std::int64_t>(1e9 / static_cast<double>(granted_.max_hz));
+  const auto period_ns =
+      static_cast<std::int64_t>(std::min(1e9 / static_cast<double>(granted_.max_hz), kLongestPeriod_ns));
   const std::int64_t slack_ns = period_ns / 20;  // frames' times differ a little from their rate
   const bool restarted =
       due_ns_ == 0 || frame.mono_ns > due_ns_ + period_ns || frame.mono_ns < due_ns_ - period_ns;

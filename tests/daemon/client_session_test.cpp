@@ -209,6 +209,14 @@ TEST(ClientSession, MaxHzThinsEvenly) {
   EXPECT_EQ(s.session.frames_dropped(), 0U);
 }
 
+TEST(ClientSession, TheLeastMaxHzIsOneFrameADay) {
+  Session s;
+  s.ask(subscribe(R"("max_hz":1e-30,"queue":8)"));
+  s.take();
+  for (std::uint64_t seq = 0; seq < 90; ++seq) s.offer(seq);
+  EXPECT_EQ(s.lines().size(), 1U);
+}
+
 TEST(ClientSession, OneByteAtATimeGivesTheSameMessages) {
   Session whole, bytewise;
   for (Session* s : {&whole, &bytewise}) {
