@@ -35,6 +35,7 @@ struct DemoOptions {
   std::vector<std::string> files;
   std::string preset, model, scene = "office";
   int people = 2;
+  std::vector<int> silent;
   double for_seconds = 0, rate_hz = 300;
 };
 
@@ -95,14 +96,24 @@ class Demo {
 
   /// Three virtual receivers that wait for the daemon; the room that they stand in.
   RoomDescription start_simulator() {
-    senders_.push_back(std::make_unique<ChildProcess>(
-        sibling_program("csipose-sim"),
-        std::vector<std::string>{"live", "--to", fmt::format("127.0.0.1:{}", port_), "--keys",
-                                 fmt::format("{},{},{}", key(1), key(2), key(3)), "--scene", options_.scene,
-                                 "--people", fmt::format("{}", options_.people), "--rate",
-                                 fmt::format("{}", options_.rate_hz), "--truth", truth_socket(), "--power-up",
-                                 fmt::format("{}", installation_in(options_.scene))},
-        sim_log()));
+    std::vector<std::string> arguments{"live",
+                                       "--to",
+                                       fmt::format("127.0.0.1:{}", port_),
+                                       "--keys",
+                                       fmt::format("{},{},{}", key(1), key(2), key(3)),
+                                       "--scene",
+                                       options_.scene,
+                                       "--people",
+                                       fmt::format("{}", options_.people),
+                                       "--rate",
+                                       fmt::format("{}", options_.rate_hz),
+                                       "--truth",
+                                       truth_socket(),
+                                       "--power-up",
+                                       fmt::format("{}", installation_in(options_.scene))};
+    if (!options_.silent.empty())
+      arguments.insert(arguments.end(), {"--silent", fmt::format("{}", fmt::join(options_.silent, ","))});
+    senders_.push_back(std::make_unique<ChildProcess>(sibling_program("csipose-sim"), arguments, sim_log()));
     wait_for(truth_socket(), *senders_.back());
     const TruthClient truth(truth_socket());
     const auto place = [](const Point3& p) { return std::array{p.x, p.y, p.z}; };
@@ -259,6 +270,10 @@ void add_demo(CLI::App& app) {
   demo->add_option("--people", options->people, "how many are simulated")
       ->check(CLI::Range(0, 3))
       ->capture_default_str();
+  demo->add_option("--silent", options->silent, "simulated receivers that are switched off, by number")
+      ->type_name("N,N")
+      ->delimiter(',')
+      ->check(CLI::Range(1, 3));
   demo->add_option("--rate", options->rate_hz, "packets a second of each receiver")
       ->check(CLI::Range(10.0, 3000.0));
   demo->add_option("--for", options->for_seconds, "end after so many seconds; without it Ctrl-C ends it");

@@ -17,6 +17,7 @@ namespace {
 struct LiveWords {
   std::string to, truth_socket;
   std::vector<std::string> keys;
+  std::vector<std::size_t> silent;
   SceneOptions scene;
   RadioOptions radio;
   double speed = 1, seconds = 0;
@@ -64,6 +65,7 @@ void live(const LiveWords& words) {
   LiveOptions options;
   options.daemon = words.to;
   options.keys = load_keys(words.keys);
+  for (const std::size_t number : words.silent) options.silent.set(number - 1);
   options.radio = words.radio.impairments();
   options.impair_name = words.radio.words();
   options.rate_hz = words.scene.rate_hz;
@@ -98,6 +100,13 @@ void add_live(CLI::App& app) {
       ->add_option("--truth", words->truth_socket,
                    "Unix socket to make, which says where people really are (docs/truth.md)")
       ->type_name("PATH");
+  command
+      ->add_option("--silent", words->silent,
+                   "receivers that are switched off, by number from 1 in the order of --keys: a daemon with "
+                   "less than it needs")
+      ->type_name("N,N")
+      ->delimiter(',')
+      ->check(CLI::Range(std::size_t{1}, kReceivers));
   command->add_option("--seconds", words->seconds, "end after so many simulated seconds")
       ->check(CLI::PositiveNumber);
   command->callback([words] { live(*words); });

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <vector>
 
 #include "proto/notify.h"
 #include "proto/result.h"
@@ -79,7 +78,8 @@ class Live {
  public:
   Live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const PollStop& signals)
       : options_(options), signals_(signals), pace_(options.speed) {
-    for (const AgentKey& key : options.keys) senders_.emplace_back(key, options.daemon);
+    for (std::size_t r = 0; r < kReceivers; ++r)
+      if (!options.silent[r]) senders_[r] = std::make_unique<SealedSender>(options.keys[r], options.daemon);
     if (!options.truth_socket.empty())
       truth_ = std::make_unique<TruthServer>(options.truth_socket, hello_of(options, scene->still()));
     ahead_ = std::make_unique<ReadAhead>(
@@ -104,7 +104,8 @@ class Live {
  private:
   void tend(SteadyTime now) {
     tend_at_ = now + kTendEvery;
-    for (SealedSender& sender : senders_) sender.tend(now);
+    for (const auto& sender : senders_)
+      if (sender) sender->tend(now);
     if (truth_) truth_->admit();
     if (now >= status_at_) {
       report(now);
@@ -118,7 +119,7 @@ class Live {
 
   void begin_when_answered(SteadyTime now) {
     const bool all = std::all_of(senders_.begin(), senders_.end(),
-                                 [&](const SealedSender& sender) { return sender.connected(now); });
+                                 [&](const auto& sender) { return !sender || sender->connected(now); });
     if (!all || ahead_->ready() + kSamples < depth_for(options_)) {
       if (ahead_->ready() == 0) ahead_->front();  // throws if the physics broke
       return;
@@ -148,7 +149,7 @@ class Live {
   void send(const SentPacket& packet, SteadyTime now) {
     const UtcTime sent = now_utc();
     for (std::size_t r = 0; r < kReceivers; ++r)
-      if (!packet.records[r].empty()) senders_[r].send(ByteView(packet.records[r]), now);
+      if (senders_[r] && !packet.records[r].empty()) senders_[r]->send(ByteView(packet.records[r]), now);
     if (truth_ && truth_->readers() > 0) truth_->send(truth_of(packet, sent));
     simulated_s_ = packet.grid_s;
     ++packets_;
@@ -187,7 +188,8 @@ class Live {
         truth_ ? truth_->readers() : 0);
     say(status);
     for (std::size_t r = 0; r < kReceivers; ++r)
-      say(fmt::format("{}: {}", options_.keys[r].name, senders_[r].status(now)));
+      say(fmt::format("{}: {}", options_.keys[r].name,
+                      senders_[r] ? senders_[r]->status(now) : "switched off"));
     notify_systemd("STATUS=" + status);
   }
 
@@ -197,7 +199,7 @@ class Live {
 
   const LiveOptions& options_;
   const PollStop& signals_;
-  std::vector<SealedSender> senders_;
+  std::array<std::unique_ptr<SealedSender>, kReceivers> senders_;  // none for one that is switched off
   std::unique_ptr<TruthServer> truth_;
   std::unique_ptr<ReadAhead> ahead_;
   Pace pace_;

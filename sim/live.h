@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <bitset>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,6 +17,7 @@ namespace csipose::sim {
 struct LiveOptions {
   std::string daemon;                     ///< HOST:PORT of its UDP door
   std::array<AgentKey, kReceivers> keys;  ///< of kind simulated
+  std::bitset<kReceivers> silent;         ///< receivers that are switched off
   Impairments radio = impairments(ImpairmentLevel::intel5300);
   double rate_hz = 300;  ///< packets per simulated second
   double speed = 1;      ///< simulated seconds per second
@@ -28,7 +30,7 @@ struct LiveOptions {
 };
 
 /// Runs until the time is over or SIGINT or SIGTERM come; says on stderr how it goes. Packets flow from the moment that the
-/// daemon has answered all three receivers; one that is restarted is found again.
+/// daemon has answered all receivers that are on; one that is restarted is found again.
 void run_live(const LiveOptions& options, std::unique_ptr<MovingScene> scene, const PollStop& signals);
 
 }  // namespace csipose::sim

@@ -118,6 +118,20 @@ TEST_F(Simulated, FindsADaemonThatWasRestarted) {
   EXPECT_TRUE(simulator->has_said("sessions=2")) << simulator->log();
 }
 
+TEST_F(Simulated, AReceiverThatIsSwitchedOffIsNeverHeard) {
+  const auto daemon = start_daemon();
+  const auto simulator =
+      start_simulator({"--scene", "empty", "--people", "0", "--seconds", "1", "--silent", "2"});
+  EXPECT_EQ(simulator->wait(), 0) << simulator->log();
+  EXPECT_TRUE(simulator->has_said("rx2: switched off")) << simulator->log();
+  for (const std::size_t r : {0U, 2U})
+    EXPECT_TRUE(eventually([&] { return packets().at(r) == sent_by(*simulator, ids_[r]); })) << ids_[r];
+  EXPECT_GT(packets().at(0), 0U);
+  EXPECT_EQ(packets().at(1), 0U);
+  daemon->send(SIGTERM);
+  EXPECT_EQ(daemon->wait(), 0);
+}
+
 TEST_F(Simulated, AKeyThatWouldSayLiveIsRefused) {
   address_ = "127.0.0.1:9";
   fs::remove(key("rx2"));
