@@ -29,24 +29,38 @@ void print_list() {
     fmt::print("{}  {:7.2f} mm  {}\n", row.id, row.published_mm, row.words);
 }
 
-void print_row(const Experiment& row, const std::vector<ExperimentResult>& results,
-               const ExperimentOptions& options) {
-  double sum = 0, squares = 0;
+struct Spread {
+  double mean = 0, deviation = 0;  ///< of the sample; 0 for one seed
+};
+Spread spread_of(const std::vector<ExperimentResult>& results) {
+  Spread spread;
+  for (const ExperimentResult& result : results) spread.mean += result.error_mm;
+  spread.mean /= static_cast<double>(results.size());
+  for (const ExperimentResult& result : results)
+    spread.deviation += std::pow(result.error_mm - spread.mean, 2);
+  if (results.size() > 1)
+    spread.deviation = std::sqrt(spread.deviation / static_cast<double>(results.size() - 1));
+  return spread;
+}
+
+/// One row of the table that the command prints, as documents take it.
+void print_row(const Experiment& row, const std::vector<ExperimentResult>& results) {
   std::vector<std::string> each;
-  for (const ExperimentResult& result : results) {
-    sum += result.error_mm;
-    squares += result.error_mm * result.error_mm;
-    each.push_back(fmt::format("{:.1f}", result.error_mm));
-  }
-  const auto count = static_cast<double>(results.size());
-  const double mean = sum / count, spread = std::sqrt(std::max(0., squares / count - mean * mean));
-  fmt::print(
-      "{}  {}\n  published {:.2f} mm (preset paper, Person-in-WiFi 3D)\n  ours      {:.2f} mm, spread {:.2f} "
-      "(seeds {}: {}; preset {})\n  data      {}; judged on {}, protocol piw3d: nearest of all hypotheses\n",
-      row.id, row.words, row.published_mm, mean, spread, fmt::join(options.seeds, ", "),
-      fmt::join(each, ", "), options.preset, fmt::join(options.data.real, ", "),
-      fmt::join(options.data.test, ", "));
+  for (const ExperimentResult& result : results) each.push_back(fmt::format("{:.1f}", result.error_mm));
+  const Spread ours = spread_of(results);
+  fmt::print("| `{}` | {} | {:.2f} | {:.1f} | {:.1f} | {} |\n", row.id, row.words, row.published_mm,
+             ours.mean, ours.deviation, fmt::join(each, ", "));
   std::fflush(stdout);
+}
+
+void print_head(const ExperimentOptions& options) {
+  fmt::print(
+      "learnt from {}; judged on {} by piw3d, the nearest of all hypotheses, mm; preset {}; published: "
+      "preset "
+      "paper on Person-in-WiFi 3D\n\n| | | published | ours | deviation | seeds {} "
+      "|\n|---|---|---|---|---|---|\n",
+      fmt::join(options.data.real, ", "), fmt::join(options.data.test, ", "), options.preset,
+      fmt::join(options.seeds, ", "));
 }
 
 void run(ExperimentOptions options) {
@@ -57,10 +71,13 @@ void run(ExperimentOptions options) {
   RunSettings settings = read_run_file(options.run.file, options.run.set);
   if (settings.run.out.empty()) settings.run.out = "experiments";
   prepare_machine(settings);
+  std::vector<std::pair<const Experiment*, std::vector<ExperimentResult>>> done;
   for (const std::string& id : options.ids) {
     const Experiment& row = experiment_named(id);
-    print_row(row, run_experiment(row, settings, options.data, options.seeds), options);
+    done.emplace_back(&row, run_experiment(row, settings, options.data, options.seeds));
   }
+  print_head(options);
+  for (const auto& [row, results] : done) print_row(*row, results);
 }
 
 }  // namespace
