@@ -87,16 +87,19 @@ std::uint64_t Pool::clip(std::size_t i) const {
   return (static_cast<std::uint64_t>(source) << 48) ^ sources_[source]->clip(window);
 }
 
-void Pool::measure_scaling(std::span<const std::uint64_t> windows) {
+void Pool::measure_scaling(std::span<const std::uint64_t> windows, bool together) {
   std::vector<Moments> amplitude(sources_.size()), phase(sources_.size());
   std::vector<float> x(kWindowNumbers);
   constexpr std::size_t kAmplitudes = kSubcarriers * kTokens;
   for (const std::uint64_t i : windows) {
     const auto [source, window] = locate(i);
     sources_[source]->read(window, x);
-    amplitude[source].add(std::span(x).first(kAmplitudes));
-    phase[source].add(std::span(x).subspan(kAmplitudes));
+    const std::size_t corpus = together ? 0 : source;
+    amplitude[corpus].add(std::span(x).first(kAmplitudes));
+    phase[corpus].add(std::span(x).subspan(kAmplitudes));
   }
+  if (together && amplitude[0].count > 0)
+    return set_scaling(normalisation_of(amplitude[0], phase[0], describe()));
   for (std::size_t s = 0; s < sources_.size(); ++s)
     if (amplitude[s].count > 0) scaling_[s] = normalisation_of(amplitude[s], phase[s], sources_[s]->name());
 }

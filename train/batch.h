@@ -28,8 +28,9 @@ class Pool {
   /// Distinct for clips of different sources.
   std::uint64_t clip(std::size_t i) const;
 
-  /// Measures each source's three scalars on those of its windows that `windows` names.
-  void measure_scaling(std::span<const std::uint64_t> windows);
+  /// Measures each source's three scalars on those of its windows that `windows` names; `together`: the same three for all
+  /// sources, on all those windows.
+  void measure_scaling(std::span<const std::uint64_t> windows, bool together = false);
   /// The same scalars for all sources: those that a network was trained with.
   void set_scaling(const Normalisation& scaling) { scaling_.assign(sources_.size(), scaling); }
   const std::vector<Normalisation>& scaling() const { return scaling_; }

@@ -142,7 +142,8 @@ class Poses3d : public Objective {
         numerics_(numerics),
         recipe_(settings),
         shape_(decoder_shape(weights_.config)),
-        loss_weights_{settings.finetune.cls, settings.finetune.kpt, settings.finetune.refine},
+        loss_weights_{settings.finetune.cls, settings.finetune.kpt, settings.finetune.refine,
+                      settings.finetune.error == "distance" ? PoseError::distance : PoseError::squared},
         optimiser_(groups_of(weights_.parameters, settings)) {
     const auto memory = nlohmann::json::parse(weights_.metadata["progress"], nullptr, false);
     if (memory.is_object()) best_m_ = memory.value("best_m", HUGE_VAL);
@@ -393,12 +394,21 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   Split split = split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));
+  if (settings.data.most_people > 0)
+    for (auto* part : {&split.train, &split.held_out})
+      std::erase_if(*part, [&](std::uint64_t window) {
+        return pool.people(window).size() > static_cast<std::size_t>(settings.data.most_people);
+      });
+  if (split.train.empty())
+    throw SetupError(
+        ExitStatus::bad_config,
+        fmt::format("data.most_people = {}: no window of the data has so few", settings.data.most_people));
   split.train = spread(split.train, static_cast<std::size_t>(settings.data.take));
   LoopPlan plan{split.train, static_cast<std::uint64_t>(settings.finetune.epochs),
                 static_cast<std::uint64_t>(settings.finetune.batch)};
   if (network_of(settings).joint_sigma)
     plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
-  if (settings.data.norm == "corpus") pool.measure_scaling(split.train);
+  if (settings.data.norm != "none") pool.measure_scaling(split.train, settings.data.norm == "pooled");
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
   Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics);

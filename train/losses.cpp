@@ -15,6 +15,7 @@ namespace {
 constexpr double kAlpha = 0.25, kGamma = 2;  // focal loss
 constexpr double kPoseCostDivisor = 28;      // 14 joints in two dimensions, kept from 2-D PETR
 constexpr double kLogGuard = 1e-12;
+constexpr double kRootGuard = 1e-6;  // m^2: a distance of 0 has no gradient
 constexpr std::int64_t kPoseWidth = 3 * kJoints;
 
 at::Tensor index_tensor(const std::vector<std::int64_t>& values, const at::Tensor& like) {
@@ -45,7 +46,8 @@ at::Tensor chosen_queries(const Matches& matches, std::int64_t windows, std::vec
 void add_layer(SetLoss& loss, const at::Tensor& cls, const at::Tensor& kpt, const Matches& matches,
                const People& people, const SetLossWeights& weights, double matched) {
   loss.cls = loss.cls + weights.cls * focal_sum(cls, matches) / class_divisor(matched);
-  loss.kpt = loss.kpt + weights.kpt * squared_error_sum(kpt, matches, people) / pose_divisor(matched);
+  loss.kpt =
+      loss.kpt + weights.kpt * pose_error_sum(kpt, matches, people, weights.error) / pose_divisor(matched);
 }
 
 /// The first `there` people of poses (M, 42) by the first coordinate of their roots.
@@ -124,11 +126,14 @@ at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches) {
   return (weight * at::binary_cross_entropy_with_logits(cls, wanted, {}, {}, at::Reduction::None)).sum();
 }
 
-at::Tensor squared_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people) {
+at::Tensor pose_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
+                          PoseError error) {
   if (matches.size() == 0) return 0 * kpt.sum();
-  return (rows(kpt, matches.window, matches.query) - rows(people.poses, matches.window, matches.person))
-      .square()
-      .sum();
+  const at::Tensor squares =
+      (rows(kpt, matches.window, matches.query) - rows(people.poses, matches.window, matches.person))
+          .square();
+  if (error == PoseError::squared) return squares.sum();
+  return (squares.view({-1, static_cast<std::int64_t>(kJoints), 3}).sum(-1) + kRootGuard).sqrt().sum();
 }
 
 SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
@@ -147,7 +152,8 @@ SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const 
     const RefinedMatches found = refine_matches(parameters, shape, decoded, loss.last, numerics);
     const Matches placed{loss.last.window, found.slot, loss.last.person};
     for (const at::Tensor& pose : found.refined.pose)
-      loss.refine = loss.refine + weights.refine * squared_error_sum(pose, placed, people) / divisor;
+      loss.refine =
+          loss.refine + weights.refine * pose_error_sum(pose, placed, people, weights.error) / divisor;
   }
   loss.total = loss.cls + loss.kpt + loss.refine;
   return loss;
@@ -174,7 +180,7 @@ at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features
   }
   const at::Tensor logits = answer.narrow(2, kPoseWidth, 1), poses = answer.narrow(2, 0, kPoseWidth);
   return weights.cls * focal_sum(logits, matches) / class_divisor(matched) +
-         weights.kpt * squared_error_sum(poses, matches, people) / pose_divisor(matched);
+         weights.kpt * pose_error_sum(poses, matches, people, weights.error) / pose_divisor(matched);
 }
 
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,

@@ -24,8 +24,13 @@ struct Matches {
   std::size_t size() const { return window.size(); }
 };
 
+/// What is summed over the joints of a matched pose: the square of a joint's distance, as published, or the distance, which is
+/// what the figures report; far-off people then pull less.
+enum class PoseError { squared, distance };
+
 struct SetLossWeights {
   double cls = 4, kpt = 70, refine = 70;
+  PoseError error = PoseError::squared;
 };
 
 /// Costs (B, Q, M) of giving person m to query q: focal class cost plus 70 |pose - label| / 28.
@@ -38,8 +43,9 @@ Matches match(const at::Tensor& cls, const at::Tensor& kpt, const People& people
 
 /// Sigmoid focal loss (alpha 0.25, gamma 2) over all queries (B, Q, 1), summed.
 at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches);
-/// Squared error, summed over the matched rows of kpt (B, Q, 42).
-at::Tensor squared_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people);
+/// Error of the matched rows of kpt (B, Q, 42), summed over their joints.
+at::Tensor pose_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
+                          PoseError error);
 
 /// The loss of a batch and its parts, each weighted.
 struct SetLoss {

@@ -32,6 +32,7 @@ struct RunSettings {
     std::vector<std::string> train;
     std::vector<std::string> options;
     int take = 0;
+    int most_people = 0;  ///< 0: any number
     double hold_out = 0.05;
     std::string norm = "corpus";
   } data;
@@ -50,6 +51,7 @@ struct RunSettings {
     std::string schedule = "auto";
     double weight_decay = 1e-4, clip = 0.1, dropout = 0.1;
     double cls = 4, kpt = 70, refine = 70, ordered = 1;
+    std::string error = "squared";
     bool proposal_bias = true;
     double lose_receiver = 0.2, lose_two_receivers = 0.05, lose_links = 0.1;
     int samples = 20;

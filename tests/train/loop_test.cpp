@@ -3,7 +3,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <cstdlib>
+#include <numeric>
 #include <set>
 
 #include "model/engine.h"
@@ -21,6 +23,26 @@ namespace {
 
 namespace fs = std::filesystem;
 using csipose::testing::MadeUpSet;
+
+/// Never fewer than two people in a window.
+class Crowded : public MadeUpSet {
+ public:
+  explicit Crowded(std::size_t windows) : MadeUpSet(windows, 1, 1), two_(2, MadeUpSet::people(0)[0]) {}
+  std::span<const Skeleton> people(std::size_t) const override { return two_; }
+
+ private:
+  std::vector<Skeleton> two_;
+};
+
+/// The same windows, three times as large.
+class Louder : public MadeUpSet {
+ public:
+  explicit Louder(std::size_t windows) : MadeUpSet(windows, 1, 1) {}
+  void read(std::size_t i, std::span<float> x) const override {
+    MadeUpSet::read(i, x);
+    for (float& number : x) number *= 3;
+  }
+};
 
 class Runs : public ::testing::Test {
  protected:
@@ -217,6 +239,42 @@ TEST_F(Runs, StepsSeeAFewSamplesAtFirstAndAllInTheEnd) {
   EXPECT_EQ(one_receiver.size(1), 5 * static_cast<std::int64_t>(kAntennas));
   EXPECT_EQ(surviving_tokens(settings_, {51, 100, 3}, windows).size(1),
             static_cast<std::int64_t>(kSamples * kAntennas));
+}
+
+TEST_F(Runs, MostPeopleLeavesCrowdedWindowsOut) {
+  Pool pool = made_up(64, 3);
+  RunSettings settings = in("few");
+  settings.data.hold_out = 0;
+  settings.data.most_people = 1;
+  settings.finetune.batch = 2;
+  std::size_t alone = 0;
+  for (std::size_t i = 0; i < pool.size(); ++i) alone += pool.people(i).size() == 1;
+  ASSERT_GT(alone, 8u);
+  ASSERT_LT(alone, 32u);
+  EXPECT_EQ(finetune(settings, pool, Workers()).steps, alone / 2);
+  settings.run.out = (folder_ / "none").string();
+  Pool nobody({std::make_shared<Crowded>(8)});
+  EXPECT_THROW(finetune(settings, nobody, Workers()), SetupError);
+}
+
+TEST(Pool, IsScaledBySetsOrTogether) {
+  const auto plain = std::make_shared<MadeUpSet>(8, 1, 1);
+  const auto loud = std::make_shared<Louder>(8);
+  Pool pool({plain, loud});
+  std::vector<std::uint64_t> all(pool.size());
+  std::iota(all.begin(), all.end(), std::uint64_t{0});
+  pool.measure_scaling(all);
+  const auto each = pool.scaling();
+  EXPECT_NEAR(each[1].amp_std, 3 * each[0].amp_std, 1e-4);
+  EXPECT_NEAR(pool.tokens(all).narrow(2, 0, kSubcarriers).std().item<double>(), 1, 1e-3);
+  pool.measure_scaling(all, true);
+  const auto together = pool.scaling();
+  EXPECT_EQ(together[0].amp_std, together[1].amp_std);
+  EXPECT_EQ(together[0].ph_std, together[1].ph_std);
+  // Two sets of the same size, one three times the other: mean of squares (1 + 9) / 2, mean (1 + 3) / 2.
+  const double m = each[0].amp_mean, v = std::pow(each[0].amp_std, 2);
+  EXPECT_NEAR(together[0].amp_mean, 2 * m, 1e-4);
+  EXPECT_NEAR(std::pow(together[0].amp_std, 2), 5 * (v + m * m) - 4 * m * m, 1e-3);
 }
 
 TEST(Spread, TakesWindowsFromEverywhere) {

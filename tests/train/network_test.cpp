@@ -289,9 +289,27 @@ TEST(SetLoss, LossesAreTheGoldenOnes) {
   const Matches matches = match(set.logits, set.kpts, set.people, {});
   const double people = static_cast<double>(matches.size());
   const double cls = 4 * focal_sum(set.logits, matches).item<double>() / people;
-  const double kpt = 70 * squared_error_sum(set.kpts, matches, set.people).item<double>() / (42 * people);
+  const double kpt =
+      70 * pose_error_sum(set.kpts, matches, set.people, PoseError::squared).item<double>() / (42 * people);
   EXPECT_NEAR(cls, set.expected["loss_cls"].get<double>(), 1e-5 * cls);
   EXPECT_NEAR(kpt, set.expected["loss_kpt"].get<double>(), 1e-5 * kpt);
+}
+
+TEST(SetLoss, ErrorsOfAPoseThatIsOffByTheSameEverywhere) {
+  const People people{at::zeros({1, 1, 42}), {1}};
+  const Matches first{{0}, {1}, {0}};
+  at::Tensor kpt = at::zeros({1, 2, 42});
+  kpt[0][1].view({14, 3}).copy_(at::tensor({2.f, 3.f, 6.f}));  // 7 m
+  EXPECT_NEAR(pose_error_sum(kpt, first, people, PoseError::squared).item<double>(), 14 * 49, 1e-3);
+  kpt.requires_grad_(true);
+  const at::Tensor distance = pose_error_sum(kpt, first, people, PoseError::distance);
+  EXPECT_NEAR(distance.item<double>(), 14 * 7, 1e-3);
+  distance.backward();
+  EXPECT_NEAR(kpt.grad()[0][1][41].item<double>(), 6. / 7, 1e-5);  // the direction, however far
+  EXPECT_EQ(kpt.grad()[0][0].abs().sum().item<double>(), 0);
+  at::Tensor exact = at::zeros({1, 2, 42}).requires_grad_(true);
+  pose_error_sum(exact, first, people, PoseError::distance).backward();
+  EXPECT_TRUE(exact.grad().isfinite().all().item<bool>());
 }
 
 TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
@@ -299,7 +317,7 @@ TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
   const at::Tensor logits = at::full({2, 8, 1}, -4.f), poses = at::zeros({2, 8, 42});
   const Matches matches = match(logits, poses, nobody, {});
   EXPECT_EQ(matches.size(), 0u);
-  EXPECT_EQ(squared_error_sum(poses, matches, nobody).item<double>(), 0);
+  EXPECT_EQ(pose_error_sum(poses, matches, nobody, PoseError::distance).item<double>(), 0);
   EXPECT_GT(focal_sum(logits, matches).item<double>(), 0);
 }
 
