@@ -47,7 +47,8 @@ struct Recipe {
   bool cosine;
 };
 
-bool is_learned(const std::string& name) {
+bool is_learned(const std::string& name, const RunSettings& settings) {
+  if (settings.finetune.freeze_encoder && name.rfind("encoder.", 0) == 0) return false;
   if (name.rfind("predictor.ordered.", 0) == 0) return true;
   for (const char* not_learned : {"norm.", "calib.", "predictor.", "target_encoder.", "sigma_branch."})
     if (name.rfind(not_learned, 0) == 0) return false;
@@ -56,10 +57,10 @@ bool is_learned(const std::string& name) {
 
 std::vector<ParameterGroup> groups_of(const Parameters& parameters, const RunSettings& settings) {
   const double decay = settings.finetune.weight_decay;
-  ParameterGroup encoder{parameters.under("encoder."), Recipe(settings).encoder_factor, decay},
-      rest{{}, 1, decay};
+  ParameterGroup encoder{{}, Recipe(settings).encoder_factor, decay}, rest{{}, 1, decay};
   for (const auto& [name, tensor] : parameters)
-    if (is_learned(name) && name.rfind("encoder.", 0) != 0) rest.parameters.set(name, tensor);
+    if (is_learned(name, settings))
+      (name.rfind("encoder.", 0) == 0 ? encoder : rest).parameters.set(name, tensor);
   return {encoder, rest, {parameters.under("sigma_branch."), 1, decay}};
 }
 
@@ -162,11 +163,11 @@ class Poses3d : public Objective {
     const double matched = workers_.average(matched_people(people, left));
     if (sigma_phase(now)) return sigma_only(tokens, left, people, matched);
     Numerics numerics = numerics_;
-    const at::Tensor features =
-        encode(weights_.parameters, "encoder.", encoder_shape(weights_.config), tokens, left, numerics);
+    const at::Tensor features = encoded(tokens, left);
     numerics.dropout = settings_.finetune.dropout;
     const Decoded decoded =
-        decode(weights_.parameters, shape_, memory_of(weights_.parameters, features, numerics), numerics);
+        decode(weights_.parameters, shape_, memory_of(weights_.parameters, features, numerics), numerics,
+               static_cast<double>(samples_of_step(settings_, now)) / kSamples);
     const SetLoss loss =
         set_loss(weights_.parameters, shape_, decoded, people, loss_weights_, numerics, matched);
     figures = {{"cls", loss.cls.item<double>()},
@@ -214,6 +215,11 @@ class Poses3d : public Objective {
  private:
   fs::path folder() const { return settings_.run.out; }
 
+  at::Tensor encoded(const at::Tensor& tokens, const at::Tensor& left) const {
+    const at::AutoGradMode learns(at::GradMode::is_enabled() && !settings_.finetune.freeze_encoder);
+    return encode(weights_.parameters, "encoder.", encoder_shape(weights_.config), tokens, left, numerics_);
+  }
+
   bool sigma_phase(const Moment& now) const { return now.step > pose_steps(settings_, now); }
 
   /// The poses are done; what follows learns on the best of them.
@@ -230,8 +236,7 @@ class Poses3d : public Objective {
     Decoded decoded;
     {
       const at::NoGradGuard no_gradients;
-      const at::Tensor features =
-          encode(weights_.parameters, "encoder.", encoder_shape(weights_.config), tokens, left, numerics_);
+      const at::Tensor features = encoded(tokens, left);
       decoded =
           decode(weights_.parameters, shape_, memory_of(weights_.parameters, features, numerics_), numerics_);
     }

@@ -130,13 +130,16 @@ at::Tensor class_head(const Parameters& weights, std::size_t i, const at::Tensor
   return linear(weights, fmt::format("cls_branches.{}", i), x.to(at::kFloat), {at::kFloat, 0});
 }
 
-void propose(const Parameters& weights, const DecoderShape& shape, const Numerics& numerics, Decoded& out) {
+void propose(const Parameters& weights, const DecoderShape& shape, const Numerics& numerics, double share,
+             Decoded& out) {
   out.enc_cls = class_head(weights, shape.decoder_layers, out.memory);
   out.enc_kpt = keypoint_head(weights, shape.decoder_layers, out.memory, numerics);
-  const std::int64_t queries = std::min(weights["query_embedding.weight"].size(0), out.memory.size(1));
+  const auto all = static_cast<std::int64_t>(static_cast<double>(out.memory.size(1)) / share);
+  const std::int64_t queries = std::min(weights["query_embedding.weight"].size(0), all);
   const at::Tensor order =
       std::get<1>(out.enc_cls.detach().squeeze(-1).sort(/*stable=*/true, -1, /*descending=*/true));
-  out.topk = order.narrow(1, 0, queries).contiguous();
+  const at::Tensor ranks = (at::arange(queries, at::kDouble) * share).floor().to(at::kLong);
+  out.topk = order.index_select(1, ranks.to(order.device()));
 }
 
 }  // namespace
@@ -210,10 +213,10 @@ at::Tensor memory_of(const Parameters& weights, const at::Tensor& features, cons
 }
 
 Decoded decode(const Parameters& weights, const DecoderShape& shape, const at::Tensor& memory,
-               const Numerics& numerics) {
+               const Numerics& numerics, double share) {
   Decoded out;
   out.memory = memory;
-  propose(weights, shape, numerics, out);
+  propose(weights, shape, numerics, share, out);
   const std::int64_t queries = out.topk.size(1);
   const std::vector<at::Tensor> table = weights["query_embedding.weight"].narrow(0, 0, queries).chunk(2, 1);
   const at::Tensor position = table[0];

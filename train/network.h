@@ -75,9 +75,11 @@ struct Decoded {
   std::vector<at::Tensor> cls;     ///< [layers] of (B, Q, 1)
   std::vector<at::Tensor> kpt;     ///< [layers] of (B, Q, 42)
 };
-/// Memory (B, N, E) to poses. With fewer than Q tokens the first N queries run.
+/// Memory (B, N, E) to poses. With fewer than Q tokens the first N queries run. `share` of the samples were encoded: each
+/// token stands for 1 / share of them that would propose nearly the same, so query q begins from the proposal of rank
+/// floor(share q), as it would with all samples.
 Decoded decode(const Parameters& weights, const DecoderShape& shape, const at::Tensor& memory,
-               const Numerics& numerics);
+               const Numerics& numerics, double share = 1);
 
 struct Refined {
   std::vector<at::Tensor> pose;  ///< [refine layers] of (B, P, 42)

@@ -178,6 +178,12 @@ const std::vector<Key>& keys() {
        {},
        "weight of a plainer answer from the tokens' mean, which teaches the encoder and does not ship; 0: "
        "none"},
+      {"finetune.freeze_encoder",
+       FIELD(finetune.freeze_encoder),
+       0,
+       0,
+       {},
+       "the encoder stays as it was taken over, and decoder and heads learn, at less than half the cost"},
       {"finetune.proposal_bias",
        FIELD(finetune.proposal_bias),
        0,

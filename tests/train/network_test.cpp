@@ -295,6 +295,16 @@ TEST(SetLoss, LossesAreTheGoldenOnes) {
   EXPECT_NEAR(kpt, set.expected["loss_kpt"].get<double>(), 1e-5 * kpt);
 }
 
+TEST(Decoder, ATokenStandsForThoseThatWereLeftOut) {
+  const Parameters weights = initial_network(preset_config("micro"), 1);
+  const DecoderShape shape = decoder_shape(preset_config("micro"));
+  const at::Tensor one = at::randn({2, 9, 64});
+  const at::Tensor alike = one.repeat({1, 4, 1});  // four samples that look the same
+  const Decoded few = decode(weights, shape, one, kPlain, 0.25), all = decode(weights, shape, alike, kPlain);
+  for (std::size_t i = 0; i < all.kpt.size(); ++i) EXPECT_LE(difference(few.kpt[i], all.kpt[i]), 1e-5);
+  EXPECT_GT(difference(decode(weights, shape, one, kPlain).kpt[0], all.kpt[0]), 1e-3);
+}
+
 TEST(SetLoss, ErrorsOfAPoseThatIsOffByTheSameEverywhere) {
   const People people{at::zeros({1, 1, 42}), {1}};
   const Matches first{{0}, {1}, {0}};
