@@ -298,11 +298,15 @@ TEST(SetLoss, LossesAreTheGoldenOnes) {
 TEST(Decoder, ATokenStandsForThoseThatWereLeftOut) {
   const Parameters weights = initial_network(preset_config("micro"), 1);
   const DecoderShape shape = decoder_shape(preset_config("micro"));
+  at::manual_seed(1);
+  // Heads begin with a last layer of zeros, and all proposals alike.
+  for (const auto& [name, tensor] : weights)
+    if (name.rfind("kpt_branches.", 0) == 0) tensor.normal_(0, 0.3);
   const at::Tensor one = at::randn({2, 9, 64});
   const at::Tensor alike = one.repeat({1, 4, 1});  // four samples that look the same
   const Decoded few = decode(weights, shape, one, kPlain, 0.25), all = decode(weights, shape, alike, kPlain);
-  for (std::size_t i = 0; i < all.kpt.size(); ++i) EXPECT_LE(difference(few.kpt[i], all.kpt[i]), 1e-5);
-  EXPECT_GT(difference(decode(weights, shape, one, kPlain).kpt[0], all.kpt[0]), 1e-3);
+  for (std::size_t i = 0; i < all.kpt.size(); ++i) EXPECT_LE(difference(few.kpt[i], all.kpt[i]), 1e-3);
+  EXPECT_GT(difference(decode(weights, shape, one, kPlain).kpt[0], all.kpt[0]), 0.1);
 }
 
 TEST(SetLoss, ErrorsOfAPoseThatIsOffByTheSameEverywhere) {
