@@ -399,15 +399,16 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   Split split = split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));
-  if (settings.data.most_people > 0)
+  if (settings.data.most_people > 0) {
     for (auto* part : {&split.train, &split.held_out})
       std::erase_if(*part, [&](std::uint64_t window) {
         return pool.people(window).size() > static_cast<std::size_t>(settings.data.most_people);
       });
-  if (split.train.empty())
-    throw SetupError(
-        ExitStatus::bad_config,
-        fmt::format("data.most_people = {}: no window of the data has so few", settings.data.most_people));
+    if (split.train.empty())
+      throw SetupError(
+          ExitStatus::bad_config,
+          fmt::format("data.most_people = {}: no window of the data has so few", settings.data.most_people));
+  }
   split.train = spread(split.train, static_cast<std::size_t>(settings.data.take));
   LoopPlan plan{split.train, static_cast<std::uint64_t>(settings.finetune.epochs),
                 static_cast<std::uint64_t>(settings.finetune.batch)};
