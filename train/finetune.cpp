@@ -49,7 +49,8 @@ struct Recipe {
 
 bool is_learned(const std::string& name, const RunSettings& settings) {
   if (settings.finetune.freeze_encoder && name.rfind("encoder.", 0) == 0) return false;
-  if (name.rfind("predictor.ordered.", 0) == 0) return true;
+  if (name.rfind("predictor.ordered.", 0) == 0 || name.rfind("predictor.map.", 0) == 0) return true;
+  if (settings.finetune.encoder_only && name.rfind("encoder.", 0) != 0) return false;
   for (const char* not_learned : {"norm.", "calib.", "predictor.", "target_encoder.", "sigma_branch."})
     if (name.rfind(not_learned, 0) == 0) return false;
   return true;
@@ -62,6 +63,19 @@ std::vector<ParameterGroup> groups_of(const Parameters& parameters, const RunSet
     if (is_learned(name, settings))
       (name.rfind("encoder.", 0) == 0 ? encoder : rest).parameters.set(name, tensor);
   return {encoder, rest, {parameters.under("sigma_branch."), 1, decay}};
+}
+
+/// The floor that the people of these windows walk.
+FloorGrid floor_of(const Pool& pool, std::span<const std::uint64_t> windows) {
+  std::vector<float> numbers;
+  for (const std::uint64_t window : windows)
+    for (const Skeleton& person : pool.people(window))
+      for (const Point3& hip : {person[kLeftHip], person[kRightHip]})
+        numbers.insert(numbers.end(), {hip.x, hip.y, hip.z});
+  if (numbers.empty())
+    throw SetupError(ExitStatus::bad_data, "the data to fine-tune on has no labels: nobody is in it");
+  const auto hips = static_cast<std::int64_t>(numbers.size() / 3);
+  return FloorGrid::around(at::from_blob(numbers.data(), {hips, 3}, at::kFloat));
 }
 
 // ---- evaluation ----
@@ -146,6 +160,7 @@ class Poses3d : public Objective {
         loss_weights_{settings.finetune.cls, settings.finetune.kpt, settings.finetune.refine,
                       settings.finetune.error == "distance" ? PoseError::distance : PoseError::squared},
         optimiser_(groups_of(weights_.parameters, settings)) {
+    if (settings.finetune.map > 0) grid_ = floor_of(pool, split.train);
     const auto memory = nlohmann::json::parse(weights_.metadata["progress"], nullptr, false);
     if (memory.is_object()) best_m_ = memory.value("best_m", HUGE_VAL);
   }
@@ -162,21 +177,20 @@ class Poses3d : public Objective {
     const People people = pool_.people_of(windows);
     const double matched = workers_.average(matched_people(people, left));
     if (sigma_phase(now)) return sigma_only(tokens, left, people, matched);
-    Numerics numerics = numerics_;
     const at::Tensor features = encoded(tokens, left);
+    at::Tensor sum = encoder_loss(features, people, matched, figures);
+    if (settings_.finetune.encoder_only) return sum;
+    Numerics numerics = numerics_;
     numerics.dropout = settings_.finetune.dropout;
     const Decoded decoded =
         decode(weights_.parameters, shape_, memory_of(weights_.parameters, features, numerics), numerics,
                static_cast<double>(samples_of_step(settings_, now)) / kSamples);
     const SetLoss loss =
         set_loss(weights_.parameters, shape_, decoded, people, loss_weights_, numerics, matched);
-    figures = {{"cls", loss.cls.item<double>()},
-               {"kpt", loss.kpt.item<double>()},
-               {"refine", loss.refine.item<double>()}};
-    if (settings_.finetune.ordered == 0) return loss.total;
-    const at::Tensor ordered = ordered_loss(weights_.parameters, features, people, loss_weights_, matched);
-    figures.emplace_back("ordered", ordered.item<double>());
-    return loss.total + settings_.finetune.ordered * ordered;
+    figures.insert(figures.begin(), {{"cls", loss.cls.item<double>()},
+                                     {"kpt", loss.kpt.item<double>()},
+                                     {"refine", loss.refine.item<double>()}});
+    return sum.defined() ? loss.total + sum : loss.total;
   }
 
   double make_step(const Moment& now, Figures& figures) override {
@@ -193,6 +207,7 @@ class Poses3d : public Objective {
     if (sigma_phase(now)) return;
     const bool judged = !split_.held_out.empty();
     if (!judged && now.step != pose_steps(settings_, now)) return;
+    if (settings_.finetune.encoder_only) return end_encoder_epoch(figures);
     const double error_m =
         judged ? oracle_error_m(weights_.parameters, weights_.config, pool_, split_.held_out, numerics_) : 0;
     if (judged) figures.emplace_back("held_out_mpjpe_mm", 1000 * error_m);
@@ -214,6 +229,45 @@ class Poses3d : public Objective {
 
  private:
   fs::path folder() const { return settings_.run.out; }
+
+  /// What teaches the encoder without the decoder; undefined when nothing does.
+  at::Tensor encoder_loss(const at::Tensor& features, const People& people, double matched,
+                          Figures& figures) {
+    at::Tensor sum;
+    const auto add = [&](const char* name, double weight, const at::Tensor& loss) {
+      figures.emplace_back(name, loss.item<double>());
+      sum = sum.defined() ? sum + weight * loss : weight * loss;
+    };
+    if (settings_.finetune.ordered > 0)
+      add("ordered", settings_.finetune.ordered,
+          ordered_loss(weights_.parameters, features, people, loss_weights_, matched));
+    if (settings_.finetune.map > 0)
+      add("map", settings_.finetune.map, map_loss(weights_.parameters, features, people, *grid_));
+    return sum;
+  }
+
+  /// There are no poses to judge: by what teaches the encoder, all samples encoded.
+  void end_encoder_epoch(Figures& figures) {
+    const at::NoGradGuard no_gradients;
+    const auto& windows = split_.held_out.empty() ? split_.train : split_.held_out;
+    const auto some = spread(windows, kLearntWindows);
+    double sum = 0;
+    for (std::size_t from = 0; from < some.size(); from += kEvaluationBatch) {
+      const auto part = std::span(some).subspan(from, std::min(kEvaluationBatch, some.size() - from));
+      const People people = pool_.people_of(part);
+      Figures none;
+      sum += encoder_loss(encoded(pool_.tokens(part), {}), people, matched_people(people, {}), none)
+                 .item<double>() *
+             static_cast<double>(part.size());
+    }
+    const double loss = sum / static_cast<double>(some.size());
+    figures.emplace_back(split_.held_out.empty() ? "learnt_loss" : "held_out_loss", loss);
+    if (!split_.held_out.empty() && loss >= best_m_) return;
+    best_m_ = loss;
+    weights_.metadata["progress"] = nlohmann::json{{"best_m", best_m_}}.dump();
+    weights_.metadata["metrics"] = "{}";
+    if (workers_.first()) write_weights(folder() / "best.safetensors", weights_);
+  }
 
   at::Tensor encoded(const at::Tensor& tokens, const at::Tensor& left) const {
     const at::AutoGradMode learns(at::GradMode::is_enabled() && !settings_.finetune.freeze_encoder);
@@ -281,6 +335,7 @@ class Poses3d : public Objective {
   SetLossWeights loss_weights_;
   AdamW optimiser_;
   double best_m_ = HUGE_VAL;
+  std::optional<FloorGrid> grid_;
 };
 
 // ---- before the first step ----
@@ -311,6 +366,8 @@ void take_over(Weights& weights, const RunSettings& settings) {
     const bool encoder = name.rfind("encoder.", 0) == 0;
     const std::string theirs = encoder ? source + name.substr(8) : name;
     if ((!encoder && !whole) || name.rfind("norm.", 0) == 0 || !from.parameters.has(theirs)) continue;
+    // Another floor is learned anew.
+    if (name.rfind("predictor.map.", 0) == 0 && from.parameters[theirs].sizes() != tensor.sizes()) continue;
     if (from.parameters[theirs].sizes() != tensor.sizes())
       throw SetupError(ExitStatus::bad_config,
                        fmt::format("{} (finetune.init) has '{}' of another shape than the preset {}",
@@ -345,6 +402,11 @@ Weights initial_weights(const RunSettings& settings, const Pool& pool, const Spl
         .view({static_cast<std::int64_t>(kOrderedPeople), kPoseWidth + 1})
         .narrow(1, 0, kPoseWidth)
         .copy_(mean_pose);
+  }
+  if (settings.finetune.map > 0) {
+    const auto cells = static_cast<std::size_t>(floor_of(pool, split.train).cells());
+    weights.parameters.merge(
+        initial_map_head(weights.config.dim, cells, static_cast<std::uint64_t>(settings.run.seed)));
   }
   if (!settings.finetune.init.empty() && settings.finetune.init_from != "none") take_over(weights, settings);
   set_normalisation(weights, pool.scaling().front());

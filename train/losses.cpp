@@ -183,6 +183,58 @@ at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features
          weights.kpt * pose_error_sum(poses, matches, people, weights.error) / pose_divisor(matched);
 }
 
+FloorGrid FloorGrid::around(const at::Tensor& roots) {
+  constexpr double kMargin_m = 0.3;
+  const at::Tensor least = std::get<0>(roots.min(0)).to(at::kDouble),
+                   most = std::get<0>(roots.max(0)).to(at::kDouble);
+  const at::Tensor widest = std::get<1>((most - least).topk(2));
+  const auto a = widest[0].item<std::int64_t>(), b = widest[1].item<std::int64_t>();
+  FloorGrid grid;
+  grid.axis_x = std::min(a, b);
+  grid.axis_y = std::max(a, b);
+  const auto side = [&](std::int64_t axis, double& from) {
+    from = std::floor(least[axis].item<double>() - kMargin_m);
+    return static_cast<std::int64_t>(
+        std::lround((std::ceil(most[axis].item<double>() + kMargin_m) - from) / kCell_m));
+  };
+  grid.columns = side(grid.axis_x, grid.least_x_m);
+  grid.rows = side(grid.axis_y, grid.least_y_m);
+  return grid;
+}
+
+at::Tensor FloorGrid::middles() const {
+  const at::Tensor x = (at::arange(columns, at::kFloat) + 0.5) * kCell_m + least_x_m;
+  const at::Tensor y = (at::arange(rows, at::kFloat) + 0.5) * kCell_m + least_y_m;
+  return at::stack({x.repeat_interleave(rows), y.repeat({columns})}, 1);
+}
+
+at::Tensor roots_of(const at::Tensor& poses) {
+  return (poses.narrow(-1, 3 * static_cast<std::int64_t>(kLeftHip), 3) +
+          poses.narrow(-1, 3 * static_cast<std::int64_t>(kRightHip), 3)) /
+         2;
+}
+
+at::Tensor map_loss(const Parameters& parameters, const at::Tensor& features, const People& people,
+                    const FloorGrid& grid) {
+  constexpr double kReach_m = 0.25;  // deviation of what is wanted
+  // Each token says what it holds for possible before they are put together.
+  const at::Tensor evidence =
+      at::relu(at::linear(features.to(at::kFloat), parameters["predictor.map.0.weight"],
+                          parameters["predictor.map.0.bias"]))
+          .mean(1);
+  const at::Tensor logits =
+      at::linear(evidence, parameters["predictor.map.2.weight"], parameters["predictor.map.2.bias"]);
+  const at::Tensor roots = roots_of(people.poses);  // (B, P, 3)
+  const at::Tensor floor = at::stack({roots.select(-1, grid.axis_x), roots.select(-1, grid.axis_y)}, -1);
+  const at::Tensor squares = (floor.unsqueeze(2) - grid.middles().to(floor.device())).square().sum(-1);
+  const at::Tensor there = at::arange(floor.size(1)).unsqueeze(0) < at::tensor(people.count).unsqueeze(1);
+  const at::Tensor near = at::exp(squares / (-2 * kReach_m * kReach_m)) *
+                          there.to(floor.options()).unsqueeze(-1);  // (B, P, cells)
+  const at::Tensor wanted = floor.size(1) > 0 ? std::get<0>(near.max(1)) : at::zeros_like(logits);
+  return at::binary_cross_entropy_with_logits(logits, wanted, {}, {}, at::Reduction::None).sum() /
+         static_cast<double>(features.size(0));
+}
+
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,
                       const People& people, const SetLossWeights& weights, const Numerics& numerics,
                       double matched) {

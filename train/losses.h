@@ -66,6 +66,28 @@ SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const 
 at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features, const People& people,
                         const SetLossWeights& weights, double matched);
 
+/// The floor in square cells: where a root may be. Its sides are whole metres, so that sets of the same rooms share it.
+struct FloorGrid {
+  std::int64_t axis_x = 0, axis_y = 1;  ///< the two axes of the label frame along which roots are spread most
+  double least_x_m = 0, least_y_m = 0;
+  std::int64_t columns = 0, rows = 0;  ///< of kCell_m
+  static constexpr double kCell_m = 0.25;
+  /// Around these roots (n, 3), n > 0, with a margin.
+  static FloorGrid around(const at::Tensor& roots);
+  std::int64_t cells() const { return columns * rows; }
+  /// Middles of the cells, (cells, 2).
+  at::Tensor middles() const;
+};
+/// Middle of the hips of poses (.., 42): (.., 3).
+at::Tensor roots_of(const at::Tensor& poses);
+
+/// A third answer, for the encoder too: on which cells of the floor somebody is, from `features` (B, N, D); binary cross entropy
+/// summed over the cells, mean over the windows. What is wanted falls off around each root like a normal density. It asks for no
+/// order of the people, and one who may be here or there can be said to be: a regressed place would be between.
+/// predictor.map.*: not part of what ships.
+at::Tensor map_loss(const Parameters& parameters, const at::Tensor& features, const People& people,
+                    const FloorGrid& grid);
+
 /// Loss of the sigma head alone: mean of ln sigma + error / sigma over the joints of the last layer's matches (Laplace).
 /// Nothing else learns from it.
 at::Tensor sigma_loss(const Parameters& parameters, const DecoderShape& shape, const Decoded& decoded,

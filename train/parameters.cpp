@@ -156,6 +156,18 @@ Parameters initial_ordered_head(std::size_t encoder_dim, std::uint64_t seed) {
   return parameters;
 }
 
+Parameters initial_map_head(std::size_t encoder_dim, std::size_t cells, std::uint64_t seed) {
+  constexpr std::size_t kHidden = 512;
+  std::vector<TensorSpec> specs;
+  add_linear(specs, "predictor.map.0", kHidden, encoder_dim);
+  add_linear(specs, "predictor.map.2", cells, kHidden);
+  Parameters parameters;
+  for (const TensorSpec& spec : specs) parameters.set(spec.name, initial_tensor(spec, seed));
+  scale_to_fan_in(parameters, "predictor.map.");
+  parameters["predictor.map.2.bias"].fill_(-4);
+  return parameters;
+}
+
 void scale_to_fan_in(const Parameters& parameters, std::string_view prefix) {
   const at::NoGradGuard no_gradients;
   for (const auto& [name, tensor] : parameters.under(prefix)) {

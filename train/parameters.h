@@ -63,6 +63,10 @@ Parameters initial_predictor(const PredictorShape& shape, std::size_t encoder_di
 inline constexpr std::size_t kOrderedPeople = 3;
 Parameters initial_ordered_head(std::size_t encoder_dim, std::uint64_t seed);
 
+/// predictor.map.*: each token's evidence, and from its mean the `cells` of a floor (losses.h, map_loss). Fan-in, biases 0 and, of the
+/// cells, -4: most are empty.
+Parameters initial_map_head(std::size_t encoder_dim, std::size_t cells, std::uint64_t seed);
+
 /// Brings the matrices of `prefix` from deviation 0.02, which suits a width of 768, to 1 / sqrt(inputs), so that a narrow
 /// network's blocks and its embedding are heard beside the position code from the first step on.
 /// source: LeCun et al., Efficient BackProp, 1998, section 4.6

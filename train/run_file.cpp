@@ -178,6 +178,18 @@ const std::vector<Key>& keys() {
        {},
        "weight of a plainer answer from the tokens' mean, which teaches the encoder and does not ship; 0: "
        "none"},
+      {"finetune.map",
+       FIELD(finetune.map),
+       0,
+       1e6,
+       {},
+       "weight of another such answer: on which cells of the floor somebody is; 0: none"},
+      {"finetune.encoder_only",
+       FIELD(finetune.encoder_only),
+       0,
+       0,
+       {},
+       "the encoder alone learns, from those two answers; the decoder is not computed"},
       {"finetune.freeze_encoder",
        FIELD(finetune.freeze_encoder),
        0,
@@ -380,8 +392,14 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
     reader.settings.network.init = "fixed";
     reader.settings.network.identity_conditioning = false;
     reader.settings.finetune.proposal_bias = false;
-    reader.settings.finetune.ordered = 0;
+    reader.settings.finetune.ordered = reader.settings.finetune.map = 0;
   }
+  const auto& finetune = reader.settings.finetune;
+  if (finetune.encoder_only &&
+      ((finetune.ordered == 0 && finetune.map == 0) || finetune.freeze_encoder || finetune.sigma_epochs > 0))
+    throw SetupError(ExitStatus::bad_config,
+                     "finetune.encoder_only leaves nothing to learn, or nothing to learn it from: it needs "
+                     "finetune.ordered or finetune.map above 0, freeze_encoder = false and sigma_epochs = 0");
   return reader.settings;
 }
 

@@ -172,6 +172,47 @@ TEST_F(Runs, PretrainingLowersItsLossAndFeedsFineTuning) {
   EXPECT_LT(moved, 1e-3);  // one small step away from where pre-training ended
 }
 
+// The encoder alone, from the map; then everything, from what it has learnt.
+TEST_F(Runs, TheEncoderLearnsAloneFirst) {
+  Pool pool = made_up(64, 2);
+  settings_.data.hold_out = 0.2;
+  settings_.finetune.ordered = 0;
+  settings_.finetune.map = 1;
+  settings_.finetune.lr = 1e-3;
+  settings_.finetune.encoder_lr = 1;
+  RunSettings alone = in("alone");
+  alone.finetune.encoder_only = true;
+  alone.finetune.sigma_epochs = 0;
+  alone.finetune.epochs = 8;
+  ASSERT_TRUE(finetune(alone, pool, Workers()).finished);
+  const Parameters first = untrained_weights(preset_config("micro"), 0).parameters;
+  const Parameters learnt = read_weights(folder_ / "alone/best.safetensors").parameters;
+  EXPECT_FALSE(learnt["encoder.blocks.0.mlp.fc1.weight"].equal(first["encoder.blocks.0.mlp.fc1.weight"]));
+  EXPECT_TRUE(learnt["decoder.layers.0.linear1.weight"].equal(first["decoder.layers.0.linear1.weight"]));
+  std::ifstream log(folder_ / "alone/log.csv");
+  std::vector<double> losses;
+  for (std::string line; std::getline(log, line);)
+    if (const std::size_t at = line.find(",map,"); at != std::string::npos)
+      losses.push_back(std::stod(line.substr(at + 5)));
+  ASSERT_GT(losses.size(), 8u);
+  EXPECT_LT(losses.back(), 0.9 * losses.front());
+
+  settings_.finetune.init = (folder_ / "alone/best.safetensors").string();
+  RunSettings all = in("all");
+  all.run.stop_after_steps = 1;
+  finetune(all, pool, Workers());
+  const Parameters taken = read_weights(folder_ / "all/step-00000001.safetensors").parameters;
+  EXPECT_LT((taken["predictor.map.2.weight"] - learnt["predictor.map.2.weight"]).abs().max().item<double>(),
+            2e-3);
+}
+
+TEST(RunFile, AnEncoderThatNothingTeachesIsRefused) {
+  EXPECT_THROW(
+      read_run_file("", {"finetune.encoder_only=true", "finetune.sigma_epochs=0", "finetune.ordered=0"}),
+      SetupError);
+  EXPECT_THROW(read_run_file("", {"finetune.encoder_only=true", "finetune.map=1"}), SetupError);
+}
+
 // Eight windows, from scratch, learnt by heart; and the daemon's engine says what training says.
 TEST_F(Runs, OverfittingReachesTenMillimetres) {
   Pool pool = made_up(8, 1);

@@ -335,6 +335,65 @@ TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
   EXPECT_GT(focal_sum(logits, matches).item<double>(), 0);
 }
 
+/// Poses (1, people, 42) whose hips are at these places of the floor.
+at::Tensor standing_at(const std::vector<std::pair<float, float>>& places) {
+  at::Tensor poses = at::zeros({1, static_cast<std::int64_t>(places.size()), 3 * kJoints});
+  for (std::size_t p = 0; p < places.size(); ++p)
+    for (const std::size_t hip : {kLeftHip, kRightHip}) {
+      poses[0][p][3 * hip] = places[p].first;
+      poses[0][p][3 * hip + 1] = places[p].second;
+    }
+  return poses;
+}
+
+TEST(FloorGrid, CoversTheRootsInWholeMetres) {
+  const at::Tensor roots =
+      at::tensor({0.5f, 1.f, 0.9f, 4.2f, 1.1f, -1.4f}).view({2, 3});  // along axes 0 and 2
+  const FloorGrid grid = FloorGrid::around(roots);
+  EXPECT_EQ(grid.axis_x, 0);
+  EXPECT_EQ(grid.axis_y, 2);
+  EXPECT_EQ(grid.least_x_m, 0);
+  EXPECT_EQ(grid.least_y_m, -2);
+  EXPECT_EQ(grid.columns, 5 * 4);
+  EXPECT_EQ(grid.rows, 4 * 4);
+  const at::Tensor middles = grid.middles();
+  ASSERT_EQ(middles.size(0), grid.cells());
+  EXPECT_FLOAT_EQ(middles[1][0].item<float>(), 0.125);
+  EXPECT_FLOAT_EQ(middles[1][1].item<float>(), -2 + 0.375);
+  EXPECT_FLOAT_EQ(middles[16][0].item<float>(), 0.375);
+}
+
+// With the last layer's weights 0 every cell is said to be taken with the same probability p; the loss is then a sum of
+// entropies that a few lines give.
+TEST(MapLoss, IsTheCrossEntropyOfWhatIsWanted) {
+  FloorGrid grid;
+  grid.columns = 12;
+  grid.rows = 8;
+  Parameters head = initial_map_head(16, 96, 1);
+  head["predictor.map.2.weight"].zero_();
+  head["predictor.map.2.bias"].fill_(-1.5);
+  const double p = 1 / (1 + std::exp(1.5));
+  const std::vector<std::pair<float, float>> places = {{1.1f, 0.4f}, {2.6f, 1.7f}};
+  People people;
+  people.poses = standing_at(places);
+  for (const std::int64_t there : {0, 1, 2}) {
+    people.count = {there};
+    double expected = 0;
+    for (int column = 0; column < 12; ++column)
+      for (int row = 0; row < 8; ++row) {
+        double wanted = 0;
+        for (int i = 0; i < there; ++i) {
+          const double x = 0.25 * column + 0.125 - static_cast<double>(places[i].first),
+                       y = 0.25 * row + 0.125 - static_cast<double>(places[i].second);
+          wanted = std::max(wanted, std::exp(-(x * x + y * y) / (2 * 0.25 * 0.25)));
+        }
+        expected -= wanted * std::log(p) + (1 - wanted) * std::log(1 - p);
+      }
+    const at::Tensor loss = map_loss(head, at::randn({1, 20, 16}), people, grid);
+    EXPECT_NEAR(loss.item<double>(), expected, 1e-3) << there;
+  }
+}
+
 TEST(PredictionLoss, IsZeroWhenPredictionIsTarget) {
   const at::Tensor x = made_up_windows(1, 2);
   EXPECT_EQ(prediction_loss(x, x).item<double>(), 0);
