@@ -28,11 +28,8 @@ void print_figures(const std::string& precision, const GateFigures& figures) {
                                          {"allowed", passes_gate(figures)}};
     fmt::print("{}\n", line.dump());
   } else if (!tool_options().quiet) {
-    fmt::print("{:<5} moves joints by {:.2f} mm against f32, {:.2f} mm at most, over {} windows: {}\n",
-               precision, 1e3 * figures.mean_joint_shift_m, 1e3 * figures.max_joint_shift_m, figures.windows,
-               passes_gate(figures)
-                   ? "allowed"
-                   : fmt::format("not taken by itself, above {:.0f} mm", 1e3 * kMostJointShift_m));
+    fmt::print("{:<5} {}, over {} windows: {}\n", precision, words_for(figures), figures.windows,
+               passes_gate(figures) ? "allowed" : "not taken by itself");
   }
 }
 

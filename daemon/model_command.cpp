@@ -41,10 +41,7 @@ ordered_json calibration_of(const Model& model) {
   out["confidence_knots"] = from.confidence ? kConfidenceKnots : 0;
   out["confidences"] = ordered_json::parse(model.provenance().confidences);
   out["int8_layers"] = from.int8_input_max.size();
-  for (const auto& [precision, figures] : model.gate())
-    out["gate"][precision] = {{"mean_joint_shift_m", figures.mean_joint_shift_m},
-                              {"max_joint_shift_m", figures.max_joint_shift_m},
-                              {"windows", figures.windows}};
+  if (!model.gate().empty()) out["gate"] = ordered_json::parse(to_json(model.gate()));
   return out;
 }
 

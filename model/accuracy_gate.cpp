@@ -1,5 +1,7 @@
 #include "model/accuracy_gate.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -60,6 +62,15 @@ std::vector<WindowTensor> noise_windows(const Normalisation& n, std::size_t coun
     for (std::size_t i = 0; i < window.size(); ++i)
       window[i] = i < kSubcarriers * kTokens ? std::max(0.f, amplitude(random)) : phase(random);
   return windows;
+}
+
+std::string words_for(const GateFigures& figures) {
+  const std::string shift =
+      fmt::format("moves joints by {:.2f} mm on average", 1e3 * figures.mean_joint_shift_m);
+  if (!figures.labelled) return fmt::format("{}, {:.0f} mm are allowed", shift, 1e3 * kMostJointShift_m);
+  return fmt::format(
+      "{}; is {:.1f} mm off labelled people where f32 is {:.1f} mm off, {:.0f} % more are allowed", shift,
+      1e3 * figures.labelled->mpjpe_m, 1e3 * figures.labelled->f32_mpjpe_m, 100 * (kMostErrorRatio - 1));
 }
 
 GateFigures measure_shift(Engine& exact, Engine& other, std::span<const WindowTensor> windows) {

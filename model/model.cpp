@@ -200,8 +200,8 @@ class ModelReader {
   }
 
   void read_normalisation() {
-    model_->normalisation_ = {scalar("norm.amp_mean"), positive_scalar("norm.amp_std"),
-                              positive_scalar("norm.ph_std")};
+    model_->normalisation_ = {
+        scalar("norm.amp_mean"), positive_scalar("norm.amp_std"), positive_scalar("norm.ph_std")};
   }
 
   void read_calibration() {
@@ -252,15 +252,27 @@ class ModelReader {
     for (const auto& [precision, figures] : gate.items()) {
       if (precision != "bf16" && precision != "int8")
         refuse(fmt::format("its gate names the precision '{}'", precision));
-      model_->gate_[precision] = {gate_number(figures, "mean_joint_shift_m"),
-                                  gate_number(figures, "max_joint_shift_m"),
-                                  static_cast<std::uint64_t>(gate_number(figures, "windows"))};
+      GateFigures& read = model_->gate_[precision];
+      only(figures, {"mean_joint_shift_m", "max_joint_shift_m", "windows", "labelled"});
+      read = {gate_number(figures, "mean_joint_shift_m"), gate_number(figures, "max_joint_shift_m"),
+              static_cast<std::uint64_t>(gate_number(figures, "windows")), std::nullopt};
+      if (figures.contains("labelled")) {
+        const json& labelled = figures["labelled"];
+        only(labelled, {"mpjpe_m", "f32_mpjpe_m", "windows"});
+        read.labelled = {gate_number(labelled, "mpjpe_m"), gate_number(labelled, "f32_mpjpe_m"),
+                         static_cast<std::uint64_t>(gate_number(labelled, "windows"))};
+      }
     }
   }
 
+  void only(const json& figures, const std::set<std::string>& keys) const {
+    if (!figures.is_object()) refuse("its gate holds something that is no object");
+    for (const auto& [key, value] : figures.items())
+      if (keys.count(key) == 0) refuse(fmt::format("its gate has a '{}' that nobody reads", key));
+  }
   double gate_number(const json& figures, const char* key) const {
-    if (!figures.is_object() || figures.size() != 3 || !figures.contains(key) || !figures[key].is_number() ||
-        !(figures[key].get<double>() >= 0) || figures[key].get<double>() > 1e15)
+    if (!figures.contains(key) || !figures[key].is_number() || !(figures[key].get<double>() >= 0) ||
+        figures[key].get<double>() > 1e15)
       refuse(fmt::format("its gate has no sound '{}'", key));
     return figures[key].get<double>();
   }
@@ -310,6 +322,20 @@ std::vector<TensorView> tensors_without(const SafetensorsFile& file, Predicate u
 }
 }  // namespace
 
+std::string to_json(const std::map<std::string, GateFigures>& gate) {
+  json out = json::object();
+  for (const auto& [precision, figures] : gate) {
+    json& one = out[precision] = {{"mean_joint_shift_m", figures.mean_joint_shift_m},
+                                  {"max_joint_shift_m", figures.max_joint_shift_m},
+                                  {"windows", figures.windows}};
+    if (figures.labelled)
+      one["labelled"] = {{"mpjpe_m", figures.labelled->mpjpe_m},
+                         {"f32_mpjpe_m", figures.labelled->f32_mpjpe_m},
+                         {"windows", figures.labelled->windows}};
+  }
+  return out.dump();
+}
+
 std::vector<std::uint8_t> with_int8_calibration(const SafetensorsFile& file,
                                                 const std::map<std::string, float>& input_max,
                                                 const std::map<std::string, GateFigures>& figures) {
@@ -317,14 +343,16 @@ std::vector<std::uint8_t> with_int8_calibration(const SafetensorsFile& file,
       tensors_without(file, [](std::string_view name) { return starts_with(name, kInt8Prefix); });
   for (const auto& [layer, value] : input_max)
     tensors.push_back({std::string(kInt8Prefix) + layer, DType::f32, {}, ByteView(&value, sizeof(value))});
-  json gate = json::object();
-  for (const auto& [precision, measured] : figures)
-    gate[precision] = {{"mean_joint_shift_m", measured.mean_joint_shift_m},
-                       {"max_joint_shift_m", measured.max_joint_shift_m},
-                       {"windows", measured.windows}};
   std::map<std::string, std::string> metadata = file.metadata();
-  metadata["gate"] = gate.dump();
+  metadata["gate"] = to_json(figures);
   return pack_safetensors(std::move(metadata), tensors);
+}
+
+std::vector<std::uint8_t> with_gate(const SafetensorsFile& file,
+                                    const std::map<std::string, GateFigures>& figures) {
+  std::map<std::string, std::string> metadata = file.metadata();
+  metadata["gate"] = to_json(figures);
+  return pack_safetensors(std::move(metadata), file.tensors());
 }
 
 std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Calibration& calibration,

@@ -65,6 +65,12 @@ struct Calibration {
 struct GateFigures {
   double mean_joint_shift_m = 0, max_joint_shift_m = 0;
   std::uint64_t windows = 0;
+  struct Labelled {
+    double mpjpe_m = 0,
+           f32_mpjpe_m = 0;  ///< protocol piw3d, of this precision and of float32 on the same windows
+    std::uint64_t windows = 0;
+  };
+  std::optional<Labelled> labelled{};  ///< where people were labelled; decides then
 };
 
 /// Where the weights come from; for people, and for the mark UNTRAINED.
@@ -134,6 +140,11 @@ std::shared_ptr<const Model> init_random(const NetworkConfig& config, std::uint6
 std::vector<std::uint8_t> with_int8_calibration(const SafetensorsFile& file,
                                                 const std::map<std::string, float>& input_max,
                                                 const std::map<std::string, GateFigures>& figures);
+/// The same with `figures` alone put in.
+std::vector<std::uint8_t> with_gate(const SafetensorsFile& file,
+                                    const std::map<std::string, GateFigures>& figures);
+/// As the metadata have it.
+std::string to_json(const std::map<std::string, GateFigures>& gate);
 /// The same with score, joint_scale and confidence of `calibration` in place of those it has; what is not given is taken
 /// out. `account`: a JSON object, Provenance::confidences of the new file.
 std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Calibration& calibration,

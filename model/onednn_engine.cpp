@@ -79,12 +79,8 @@ class Choice {
       return note(fmt::format("{} not taken: {:.2f} ms", name, time_ms));
     std::unique_ptr<OneDnnEngine> engine = make(model_, candidate, options_);
     const GateFigures figures = figures_for(candidate, *engine);
-    const std::string shift = fmt::format("moves joints by {:.2f} mm, {:.2f} at most",
-                                          1e3 * figures.mean_joint_shift_m, 1e3 * figures.max_joint_shift_m);
-    if (!passes_gate(figures))
-      return note(fmt::format("{} not taken: it {}, above the {:.0f} mm allowed", name, shift,
-                              1e3 * kMostJointShift_m));
-    note(fmt::format("{} {:.2f} ms, {}", name, time_ms, shift));
+    if (!passes_gate(figures)) return note(fmt::format("{} not taken: it {}", name, words_for(figures)));
+    note(fmt::format("{} {:.2f} ms, {}", name, time_ms, words_for(figures)));
     best_ = std::move(engine);
     best_ms_ = time_ms;
   }
@@ -129,9 +125,7 @@ std::shared_ptr<const Model> checked(std::shared_ptr<const Model> model, Precisi
 std::string gate_note(const Model& model, Precision precision) {
   const auto recorded = model.gate().find(std::string(name_of(precision)));
   if (recorded == model.gate().end() || passes_gate(recorded->second)) return {};
-  return fmt::format(
-      "{} as asked, although it moves joints by {:.2f} mm (allowed for the automatic choice: {:.0f} mm)",
-      name_of(precision), 1e3 * recorded->second.mean_joint_shift_m, 1e3 * kMostJointShift_m);
+  return fmt::format("{} as asked, although it {}", name_of(precision), words_for(recorded->second));
 }
 
 }  // namespace

@@ -12,6 +12,7 @@ void add_defaults(CLI::App& app);
 void add_eval(CLI::App& app);
 void add_experiment(CLI::App& app);
 void add_finetune(CLI::App& app);
+void add_gate(CLI::App& app);
 void add_pack(CLI::App& app);
 void add_pretrain(CLI::App& app);
 }  // namespace csipose::train

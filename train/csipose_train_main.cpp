@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
   csipose::train::add_finetune(app);
   csipose::train::add_eval(app);
   csipose::train::add_calibrate(app);
+  csipose::train::add_gate(app);
   csipose::train::add_experiment(app);
   csipose::train::add_pack(app);
   csipose::train::add_defaults(app);

@@ -76,6 +76,17 @@ TEST(Calibration, GateDecidesTheChoice) {
   EXPECT_NE(asked->notes().find("int8 as asked, although"), std::string::npos) << asked->notes();
 }
 
+// Where people were labelled it is the error that counts, one per cent of it, and not how far they were moved.
+TEST(Calibration, LabelsDecideWhereThereAreSome) {
+  GateFigures figures = {2 * kMostJointShift_m, 0.1, 1};
+  EXPECT_FALSE(passes_gate(figures));
+  figures.labelled = {0.1009, 0.1, 1};
+  EXPECT_TRUE(passes_gate(figures));
+  figures = {0, 0, 1, GateFigures::Labelled{0.1011, 0.1, 1}};
+  EXPECT_FALSE(passes_gate(figures));
+  EXPECT_NE(words_for(figures).find("101.1 mm"), std::string::npos) << words_for(figures);
+}
+
 TEST(Calibration, AMissingScaleIsRefusedByName) {
   if (!cpu_features().avx512_vnni) GTEST_SKIP() << "no VNNI on " << to_string(cpu_features());
   const SafetensorsFile file = weights_file();

@@ -250,6 +250,30 @@ TEST(Model, Int8CalibrationIsWrittenAndReplaced) {
   EXPECT_EQ(model->gate().at("int8").windows, 100u);
 }
 
+TEST(Model, GateIsWrittenAndReadWithWhatLabelsSaid) {
+  const Draft draft;
+  GateFigures figures = {0.021, 0.4, 100};
+  figures.labelled = {0.3731, 0.3747, 7684};
+  const auto bytes = with_gate(draft.file, {{"bf16", {0.001, 0.004, 100}}, {"int8", figures}});
+  const auto model = Model::from(SafetensorsFile::parse(bytes, "gated"));
+  EXPECT_FALSE(model->gate().at("bf16").labelled);
+  const auto& read = model->gate().at("int8").labelled;
+  ASSERT_TRUE(read);
+  EXPECT_EQ(read->mpjpe_m, 0.3731);
+  EXPECT_EQ(read->f32_mpjpe_m, 0.3747);
+  EXPECT_EQ(read->windows, 7684u);
+  EXPECT_NE(refusal([](Draft& d) {
+              d.metadata["gate"] =
+                  R"({"int8":{"mean_joint_shift_m":0,"max_joint_shift_m":0,"windows":1,"labelled":{}}})";
+            }).find("mpjpe_m"),
+            std::string::npos);
+  EXPECT_NE(refusal([](Draft& d) {
+              d.metadata["gate"] =
+                  R"({"int8":{"mean_joint_shift_m":0,"max_joint_shift_m":0,"windows":1,"other":1}})";
+            }).find("'other'"),
+            std::string::npos);
+}
+
 TEST(Model, ConfidencesAreWrittenReplacedAndTakenOut) {
   Draft draft;
   std::string names;

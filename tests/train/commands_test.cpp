@@ -1,8 +1,10 @@
 // csipose-train calibrate and eval as people call them, on a made-up folder of windows.
 #include <nlohmann/json.hpp>
 
+#include "model/cpu.h"
 #include "model/engine.h"
 #include "model/model.h"
+#include "model/onednn_engine.h"
 #include "proto/npy.h"
 #include "proto/result.h"
 #include "tests/daemon/program.h"
@@ -99,6 +101,31 @@ TEST_F(Commands, CalibrateInPlaceAgainChangesNothing) {
   const auto twice = Model::load(model_)->calibration();
   EXPECT_EQ(once.joint_scale, twice.joint_scale);
   EXPECT_EQ(once.confidence->corrected, twice.confidence->corrected);
+}
+
+TEST_F(Commands, GateMeasuresErrorsWhereThePrecisionsWereMeasured) {
+  const auto gate = [&] {
+    fs::remove(log_);
+    return testing::Program("csipose-train", {"gate", "--model", model_, "--data", set_, "--threads", "1"},
+                            log_)
+        .wait();
+  };
+  EXPECT_EQ(gate(), static_cast<int>(ExitStatus::bad_data));
+  EXPECT_NE(complaint().find("csipose model calibrate"), std::string::npos) << complaint();
+  write_file_atomically(model_, with_gate(SafetensorsFile::read(model_), {{"bf16", {0.5, 1, 3}}}));
+  ASSERT_EQ(gate(), 0) << complaint();
+  const auto model = Model::load(model_);
+  const GateFigures& figures = model->gate().at("bf16");
+  EXPECT_EQ(figures.mean_joint_shift_m, 0.5);
+  if (why_not(Precision::bf16, cpu_features(), *model)) {
+    EXPECT_FALSE(figures.labelled);
+    return;
+  }
+  ASSERT_TRUE(figures.labelled);
+  EXPECT_EQ(figures.labelled->windows, kWindows);
+  EXPECT_GT(figures.labelled->f32_mpjpe_m, 0.01);  // labels are off by 0 to 18 cm along each axis
+  EXPECT_LT(figures.labelled->f32_mpjpe_m, 0.3);
+  EXPECT_NEAR(figures.labelled->mpjpe_m, figures.labelled->f32_mpjpe_m, 0.1);
 }
 
 TEST_F(Commands, WhatCannotBeCalibratedIsLeftAlone) {
