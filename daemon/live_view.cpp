@@ -319,6 +319,8 @@ std::string words_for(Reason reason) {
       return "no packets come";
     case Reason::clock_unknown:
       return "the host's clock is not known to be right";
+    case Reason::unknown_installation:
+      return "the weights do not know this room, or not its cards since they were powered up";
   }
   return "a reason that this version does not know";
 }
@@ -333,7 +335,7 @@ Line state_bar(const Hello& hello, const PoseFrame* frame) {
   }
   line.push_back({upper(name_of(state)), badge_for(state)});
   std::string words;
-  for (int i = 1; frame != nullptr && i <= static_cast<int>(Reason::clock_unknown); ++i)
+  for (int i = 1; frame != nullptr && i <= static_cast<int>(Reason::unknown_installation); ++i)
     if (frame->reasons >> i & 1U) words += (words.empty() ? "  " : "; ") + words_for(static_cast<Reason>(i));
   line.push_back({words});
   return line;

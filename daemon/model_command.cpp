@@ -67,6 +67,7 @@ ordered_json description_of(const Model& model) {
                    {"amplitude", demand.amplitude},
                    {"min_links", demand.min_links}};
   out["norm"] = {{"amp_mean", norm.amp_mean}, {"amp_std", norm.amp_std}, {"ph_std", norm.ph_std}};
+  for (const Background& background : norm.backgrounds) out["norm"]["backgrounds"].push_back(background.name);
   out["model_to_room"] = model.model_to_room();
   out["calibration"] = calibration_of(model);
   return out;
@@ -131,7 +132,8 @@ void add_init(CLI::App& model) {
 }  // namespace
 
 void add_model(CLI::App& app) {
-  CLI::App* model = app.add_subcommand("model", "weights files: init, show, verify, export, calibrate");
+  CLI::App* model =
+      app.add_subcommand("model", "weights files: init, show, verify, export, calibrate, background");
   model->require_subcommand(1);
   add_init(*model);
   auto file = std::make_shared<std::string>();
@@ -153,6 +155,7 @@ void add_model(CLI::App& app) {
   export_command->add_flag("--force", *force, "replace a file that is there");
   export_command->callback([file, out, force] { export_onnx(*file, *out, *force); });
   add_calibrate(*model);
+  add_background(*model);
 }
 
 }  // namespace csipose

@@ -49,6 +49,7 @@ void add_status(CLI::App& app);
 void add_top(CLI::App& app);
 void add_watch(CLI::App& app);
 void add_model(CLI::App& app);
+void add_background(CLI::App& model_command);
 void add_calibrate(CLI::App& model_command);
 void add_infer(CLI::App& app);
 void add_inspect(CLI::App& app);

@@ -201,7 +201,26 @@ class ModelReader {
 
   void read_normalisation() {
     model_->normalisation_ = {
-        scalar("norm.amp_mean"), positive_scalar("norm.amp_std"), positive_scalar("norm.ph_std")};
+        scalar("norm.amp_mean"), positive_scalar("norm.amp_std"), positive_scalar("norm.ph_std"), {}};
+    if (file_.find("norm.background_mean") || file_.find("norm.background_std")) read_backgrounds();
+  }
+
+  void read_backgrounds() {
+    const json names = json::parse(metadata("backgrounds"), nullptr, false);
+    if (!names.is_array() || names.empty() || names.size() > kMostBackgrounds)
+      refuse(fmt::format("its metadata 'backgrounds' is no list of 1 to {} names", kMostBackgrounds));
+    const Tensor mean = tensor("norm.background_mean", {names.size(), kChannels, kLinks});
+    const Tensor deviation = tensor("norm.background_std", {names.size(), kChannels, kLinks});
+    if (!(*std::min_element(deviation.data.begin(), deviation.data.end()) > 0))
+      refuse("'norm.background_std' has a number not above zero");
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      if (!names[i].is_string()) refuse("its metadata 'backgrounds' holds something that is no name");
+      Background& background = model_->normalisation_.backgrounds.emplace_back();
+      background.name = names[i].get<std::string>();
+      const auto first = static_cast<std::ptrdiff_t>(i * kElements);
+      std::copy_n(mean.data.begin() + first, kElements, background.mean.begin());
+      std::copy_n(deviation.data.begin() + first, kElements, background.deviation.begin());
+    }
   }
 
   void read_calibration() {
@@ -379,6 +398,36 @@ std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Ca
   }
   std::map<std::string, std::string> metadata = file.metadata();
   metadata["calibration"] = account;
+  return pack_safetensors(std::move(metadata), tensors);
+}
+
+std::vector<std::uint8_t> with_background(const SafetensorsFile& file, const Background& background) {
+  std::vector<Background> all = Model::from(file)->normalisation().backgrounds;
+  const auto known = std::ranges::find(all, background.name, &Background::name);
+  if (known != all.end())
+    *known = background;
+  else
+    all.push_back(background);
+  if (all.size() > kMostBackgrounds)
+    throw SetupError(ExitStatus::bad_data, fmt::format("{} has {} backgrounds, more it cannot have",
+                                                       file.name(), kMostBackgrounds));
+  std::vector<TensorView> tensors =
+      tensors_without(file, [](std::string_view name) { return starts_with(name, "norm.background_"); });
+  std::vector<float> mean, deviation;
+  json names = json::array();
+  for (const Background& one : all) {
+    mean.insert(mean.end(), one.mean.begin(), one.mean.end());
+    deviation.insert(deviation.end(), one.deviation.begin(), one.deviation.end());
+    names.push_back(one.name);
+  }
+  for (const auto& [name, numbers] :
+       {std::pair("norm.background_mean", &mean), std::pair("norm.background_std", &deviation)})
+    tensors.push_back({name,
+                       DType::f32,
+                       {all.size(), kChannels, kLinks},
+                       ByteView(numbers->data(), numbers->size() * sizeof(float))});
+  std::map<std::string, std::string> metadata = file.metadata();
+  metadata["backgrounds"] = names.dump();
   return pack_safetensors(std::move(metadata), tensors);
 }
 

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "model/config.h"
+#include "model/normalisation.h"
 #include "model/safetensors.h"
 #include "model/tensor.h"
 #include "proto/pose.h"
@@ -26,12 +27,6 @@ namespace csipose {
 /// axes do).
 using RoomTransform = std::array<std::array<float, 4>, 3>;
 inline constexpr RoomTransform kIdentityTransform = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
-
-/// Input scaling: (amplitude - amp_mean) / amp_std, phase / ph_std. Applied by the engines, not by the
-/// caller.
-struct Normalisation {
-  float amp_mean = 0, amp_std = 1, ph_std = 1;
-};
 
 /// How a window must have been made for this network.
 struct WindowDemand {
@@ -149,5 +144,8 @@ std::string to_json(const std::map<std::string, GateFigures>& gate);
 /// out. `account`: a JSON object, Provenance::confidences of the new file.
 std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Calibration& calibration,
                                            const std::string& account);
+/// The file with this background in place of the one of its name, or beside those it has. Throws SetupError (bad_data): it has
+/// too many.
+std::vector<std::uint8_t> with_background(const SafetensorsFile& file, const Background& background);
 
 }  // namespace csipose

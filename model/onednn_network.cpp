@@ -223,17 +223,13 @@ void OneDnnEncoder::prepare(std::size_t tokens) {
 /// Normalised channels of the present links' tokens, and their position codes where the embedding will be
 /// added.
 void OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links) {
-  const Normalisation& n = normalisation_;
-  float* token = tokens_.floats();
+  const Background* background = nearest_background(normalisation_.backgrounds, x, links).background;
+  write_tokens(normalisation_, background, x, links,
+               {tokens_.floats(), kSamples * links.count() * kChannels});
   float* residual = residual_.floats();
   for (std::size_t i = 0; i < kTokens; ++i) {
     if (!links[i % kLinks]) continue;
-    for (std::size_t c = 0; c < kChannels; ++c) {
-      const float value = x[c * kTokens + i];
-      token[c] = c < kSubcarriers ? (value - n.amp_mean) / n.amp_std : value / n.ph_std;
-    }
     std::memcpy(residual, &position_code_[i * dim_], dim_ * sizeof(float));
-    token += kChannels;
     residual += dim_;
   }
 }

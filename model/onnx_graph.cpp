@@ -7,6 +7,8 @@
 #include <climits>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
+#include <optional>
 #include <set>
 #include <span>
 #include <vector>
@@ -232,16 +234,76 @@ class NetworkGraph {
 
   /// csi to [1][180][60], normalised, row t * 9 + l.
   Value tokens(const Value& csi) {
+    const Value scaled = normalisation_.backgrounds.empty() ? by_scalars(csi) : against_background(csi);
+    return graph_.transpose(graph_.reshape(scaled, {1, kChannels, kTokenCount}), {0, 2, 1});
+  }
+  Value by_scalars(const Value& csi) {
     std::vector<float> mean(kChannels, 0.f), deviation(kChannels, normalisation_.ph_std);
     std::fill_n(mean.begin(), kSubcarriers, normalisation_.amp_mean);
     std::fill_n(deviation.begin(), kSubcarriers, normalisation_.amp_std);
     const Shape by_channel = {kChannels, 1, 1};
     const Value centred =
         graph_.apply("Sub", {csi, graph_.constant("norm.mean", by_channel, mean)}, csi.shape);
-    const Value scaled =
-        graph_.apply("Div", {centred, graph_.constant("norm.std", by_channel, deviation)}, csi.shape);
-    return graph_.transpose(graph_.reshape(scaled, {1, kChannels, kTokenCount}), {0, 2, 1});
+    return graph_.apply("Div", {centred, graph_.constant("norm.std", by_channel, deviation)}, csi.shape);
   }
+
+  /// nearest_background() and what it is for, with all links.
+  Value against_background(const Value& csi) {
+    const auto count = static_cast<std::int64_t>(normalisation_.backgrounds.size());
+    const Shape by_element = {kChannels, 1, kLinks}, each = {count, kChannels, 1, kLinks};
+    std::vector<float> mean, deviation, logarithms;
+    for (const Background& background : normalisation_.backgrounds) {
+      mean.insert(mean.end(), background.mean.begin(), background.mean.end());
+      deviation.insert(deviation.end(), background.deviation.begin(), background.deviation.end());
+      double sum = 0;
+      for (const float s : background.deviation) sum += std::log(static_cast<double>(s));
+      logarithms.push_back(static_cast<float>(2 * sum / kElements));
+    }
+    const Value means = graph_.constant("norm.background_mean", each, mean);
+    const Value deviations = graph_.constant("norm.background_std", each, deviation);
+    const Value first = sample_of(csi, 0);
+    const Value change = graph_.apply("Sub", {csi, first}, csi.shape);
+    const Value level = wrapped(graph_.add(first, mean_over(wrapped(change), {2}, first.shape)));
+    const Value difference = wrapped(graph_.apply("Sub", {level, means}, each));
+    const Value z = graph_.apply("Div", {difference, deviations}, each);
+    const Value squares = mean_over(graph_.apply("Mul", {z, z}, each), {1, 2, 3}, {count, 1, 1, 1});
+    const Value surprise =
+        graph_.add(squares, graph_.constant("norm.background_log", {count, 1, 1, 1}, logarithms));
+    onnx::NodeProto& least = graph_.node("ArgMin", {surprise}, "background");
+    Graph::set_integer(least, "axis", 0);
+    Graph::set_integer(least, "keepdims", 1);
+    const Value nearest = graph_.reshape({"background", {}}, {1});
+    const auto chosen = [&](const Value& table, const char* name) {
+      Graph::set_integer(graph_.node("Gather", {table, nearest}, name), "axis", 0);
+      return Value{name, {1, kChannels, 1, kLinks}};
+    };
+    const Value centred = wrapped(graph_.apply("Sub", {csi, chosen(means, "background.mean")}, csi.shape));
+    return graph_.apply("Div", {centred, chosen(deviations, "background.std")}, csi.shape);
+  }
+  Value sample_of(const Value& csi, std::int64_t t) {
+    const std::string name = "csi.first";
+    Graph::set_integer(graph_.node("Gather", {csi, graph_.integers({t})}, name), "axis", 2);
+    return {name, {1, kChannels, 1, kLinks}};
+  }
+  Value mean_over(const Value& x, const Shape& axes, Shape shape) {
+    const std::string name = fmt::format("mean_{}", fmt::join(axes, "_"));
+    Graph::set_integers(graph_.node("ReduceMean", {x}, name), "axes", axes);
+    return {name, std::move(shape)};
+  }
+  /// Phases of x [..][60][..][9] to (-pi, pi] by whole turns; amplitudes stay.
+  Value wrapped(const Value& x) {
+    if (!turns_) {
+      std::vector<float> turns(kChannels, 0.f);
+      std::fill(turns.begin() + kSubcarriers, turns.end(), 2 * std::numbers::pi_v<float>);
+      turns_ = graph_.constant("turns", {kChannels, 1, 1}, turns);
+    }
+    constexpr float kHalf = std::numbers::pi_v<float>;
+    const Value above = graph_.apply("Add", {x, graph_.scalar(kHalf)}, x.shape);
+    const Value parts = graph_.apply("Div", {above, graph_.scalar(2 * kHalf)}, x.shape);
+    const Value whole = graph_.apply("Floor", {parts}, x.shape);
+    return graph_.apply("Sub", {x, graph_.apply("Mul", {whole, *turns_}, x.shape)}, x.shape);
+  }
+
   Value encode(const Value& csi) {
     const auto dim = static_cast<std::int64_t>(config_.dim);
     const Value code =
@@ -327,6 +389,7 @@ class NetworkGraph {
   const TensorMap& weights_;
   const Normalisation& normalisation_;
   Graph graph_;
+  std::optional<Value> turns_;
 };
 
 void describe(const Model& model, onnx::ModelProto& proto) {

@@ -24,7 +24,7 @@ class ReferenceEngine final : public Engine {
     const NetworkConfig& c = model_->config();
     const std::vector<std::size_t> visible = reference::visible_tokens(links);
     const reference::EncoderOutput encoded = reference::encode(
-        model_->tensors(), "encoder.", {c.dim, c.depth, c.heads}, normalised_tokens(x), visible);
+        model_->tensors(), "encoder.", {c.dim, c.depth, c.heads}, normalised_tokens(x, links), visible);
     const Matrix memory = reference::linear(encoded.tokens, model_->tensors(), "proj");
     const reference::DecoderShape shape = {c.decoder_heads, c.decoder_layers, c.refine_layers,
                                            c.identity_conditioning, c.joint_sigma};
@@ -46,14 +46,10 @@ class ReferenceEngine final : public Engine {
   std::string describe() const override { return "reference, plain loops, f32 with sums in f64, 1 thread"; }
 
  private:
-  Matrix normalised_tokens(std::span<const float> x) const {
+  Matrix normalised_tokens(std::span<const float> x, LinkSet links) const {
     const Normalisation& n = model_->normalisation();
     Matrix tokens = reference::tokens_of(x);
-    for (std::size_t t = 0; t < tokens.rows; ++t)
-      for (std::size_t c = 0; c < tokens.cols; ++c) {
-        float& value = tokens.at(t, c);
-        value = c < kSubcarriers ? (value - n.amp_mean) / n.amp_std : value / n.ph_std;
-      }
+    write_tokens(n, nearest_background(n.backgrounds, x, links).background, x, LinkSet().set(), tokens.data);
     return tokens;
   }
 

@@ -80,7 +80,8 @@ enum class Reason : std::uint8_t {
   too_few_links = 8,
   mixed_width = 9,
   no_data = 10,
-  clock_unknown = 11
+  clock_unknown = 11,
+  unknown_installation = 12
 };
 /// A set of reasons, one bit each: 1 << number.
 using Reasons = std::uint32_t;

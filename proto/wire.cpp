@@ -14,7 +14,8 @@
 namespace csipose {
 namespace {
 
-static_assert(static_cast<int>(Reason::clock_unknown) == v1::CLOCK_UNKNOWN, "reasons have one numbering");
+static_assert(static_cast<int>(Reason::unknown_installation) == v1::UNKNOWN_INSTALLATION,
+              "reasons have one numbering");
 static_assert(static_cast<int>(State::fault) == v1::FAULT, "states have one numbering");
 static_assert(static_cast<int>(Source::simulated) == v1::SIMULATED, "sources have one numbering");
 static_assert(static_cast<int>(Level::raw) == v1::RAW, "levels have one numbering");

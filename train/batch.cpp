@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <set>
 
+#include "model/background_meter.h"
 #include "model/seeded_random.h"
 #include "proto/result.h"
 #include "proto/window.h"
@@ -39,18 +41,10 @@ Normalisation normalisation_of(const Moments& amplitude, const Moments& phase, c
     throw SetupError(
         ExitStatus::bad_data,
         fmt::format("data set {}: its amplitudes or phases do not vary, or are no numbers", source));
-  return {static_cast<float>(amplitude.mean()), static_cast<float>(amplitude.deviation()),
-          static_cast<float>(phase_rms)};
-}
-
-void write_tokens(std::span<const float> x, const Normalisation& scaling, float* tokens) {
-  const float amplitude = 1 / scaling.amp_std, phase = 1 / scaling.ph_std;
-  for (std::size_t c = 0; c < kChannels; ++c)
-    for (std::size_t token = 0; token < kTokens; ++token) {
-      const float value = x[c * kTokens + token];
-      tokens[token * kChannels + c] =
-          c < kSubcarriers ? (value - scaling.amp_mean) * amplitude : value * phase;
-    }
+  return {static_cast<float>(amplitude.mean()),
+          static_cast<float>(amplitude.deviation()),
+          static_cast<float>(phase_rms),
+          {}};
 }
 
 }  // namespace
@@ -87,7 +81,14 @@ std::uint64_t Pool::clip(std::size_t i) const {
   return (static_cast<std::uint64_t>(source) << 48) ^ sources_[source]->clip(window);
 }
 
-void Pool::measure_scaling(std::span<const std::uint64_t> windows, bool together) {
+ScaledBy scaled_by(const std::string& norm) {
+  if (norm == "pooled") return ScaledBy::all;
+  return norm == "background" ? ScaledBy::background : ScaledBy::set;
+}
+
+void Pool::measure_scaling(std::span<const std::uint64_t> windows, ScaledBy by) {
+  const bool together = by != ScaledBy::set;
+  std::map<std::string, BackgroundMeter> rooms;
   std::vector<Moments> amplitude(sources_.size()), phase(sources_.size());
   std::vector<float> x(kWindowNumbers);
   constexpr std::size_t kAmplitudes = kSubcarriers * kTokens;
@@ -97,9 +98,13 @@ void Pool::measure_scaling(std::span<const std::uint64_t> windows, bool together
     const std::size_t corpus = together ? 0 : source;
     amplitude[corpus].add(std::span(x).first(kAmplitudes));
     phase[corpus].add(std::span(x).subspan(kAmplitudes));
+    if (by == ScaledBy::background) rooms[sources_[source]->room(window)].add(x);
   }
-  if (together && amplitude[0].count > 0)
-    return set_scaling(normalisation_of(amplitude[0], phase[0], describe()));
+  if (together && amplitude[0].count > 0) {
+    Normalisation scaling = normalisation_of(amplitude[0], phase[0], describe());
+    for (const auto& [name, moments] : rooms) scaling.backgrounds.push_back(moments.background(name));
+    return set_scaling(scaling);
+  }
   for (std::size_t s = 0; s < sources_.size(); ++s)
     if (amplitude[s].count > 0) scaling_[s] = normalisation_of(amplitude[s], phase[s], sources_[s]->name());
 }
@@ -114,7 +119,10 @@ at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
     for (std::int64_t b = from; b < to; ++b) {
       const auto [source, window] = locate(windows[static_cast<std::size_t>(b)]);
       sources_[source]->read(window, x);
-      write_tokens(x, scaling_[source], numbers + b * static_cast<std::int64_t>(kWindowNumbers));
+      const LinkSet all = LinkSet().set();
+      const Background* background = nearest_background(scaling_[source].backgrounds, x, all).background;
+      write_tokens(scaling_[source], background, x, all,
+                   {numbers + b * static_cast<std::int64_t>(kWindowNumbers), kWindowNumbers});
     }
   });
   return out.to(device_);

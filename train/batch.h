@@ -15,6 +15,12 @@
 
 namespace csipose::train {
 
+/// What windows are scaled by (model/normalisation.h): three scalars of each set, the same for all sets, or the backgrounds
+/// of the installations that the sets name.
+enum class ScaledBy { set, all, background };
+/// As data.norm names them.
+ScaledBy scaled_by(const std::string& norm);
+
 /// Several data sets as one, each with its own scaling.
 class Pool {
  public:
@@ -28,10 +34,9 @@ class Pool {
   /// Distinct for clips of different sources.
   std::uint64_t clip(std::size_t i) const;
 
-  /// Measures each source's three scalars on those of its windows that `windows` names; `together`: the same three for all
-  /// sources, on all those windows.
-  void measure_scaling(std::span<const std::uint64_t> windows, bool together = false);
-  /// The same scalars for all sources: those that a network was trained with.
+  /// Measures on those of the sources' windows that `windows` names. Throws SetupError (bad_data): numbers that do not vary.
+  void measure_scaling(std::span<const std::uint64_t> windows, ScaledBy by = ScaledBy::set);
+  /// The same for all sources: that with which a network was trained.
   void set_scaling(const Normalisation& scaling) { scaling_.assign(sources_.size(), scaling); }
   const std::vector<Normalisation>& scaling() const { return scaling_; }
 

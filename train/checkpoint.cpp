@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <system_error>
 
@@ -61,6 +62,19 @@ void set_normalisation(Weights& weights, const Normalisation& scaling) {
   weights.parameters.set("norm.amp_mean", at::full({}, scaling.amp_mean));
   weights.parameters.set("norm.amp_std", at::full({}, scaling.amp_std));
   weights.parameters.set("norm.ph_std", at::full({}, scaling.ph_std));
+  if (scaling.backgrounds.empty()) return;
+  const auto count = static_cast<std::int64_t>(scaling.backgrounds.size());
+  const at::Tensor mean = at::empty({count, kChannels, kLinks}), deviation = at::empty_like(mean);
+  nlohmann::json names = nlohmann::json::array();
+  for (std::size_t i = 0; i < scaling.backgrounds.size(); ++i) {
+    const Background& background = scaling.backgrounds[i];
+    std::ranges::copy(background.mean, mean.data_ptr<float>() + i * kElements);
+    std::ranges::copy(background.deviation, deviation.data_ptr<float>() + i * kElements);
+    names.push_back(background.name);
+  }
+  weights.parameters.set("norm.background_mean", mean);
+  weights.parameters.set("norm.background_std", deviation);
+  weights.metadata["backgrounds"] = names.dump();
 }
 
 CheckpointFolder::CheckpointFolder(fs::path folder) : folder_(std::move(folder)) {

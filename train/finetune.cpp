@@ -476,7 +476,7 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
                 static_cast<std::uint64_t>(settings.finetune.batch)};
   if (network_of(settings).joint_sigma)
     plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
-  if (settings.data.norm != "none") pool.measure_scaling(split.train, settings.data.norm == "pooled");
+  if (settings.data.norm != "none") pool.measure_scaling(split.train, scaled_by(settings.data.norm));
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
   Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics);

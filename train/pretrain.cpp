@@ -158,7 +158,7 @@ Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers
   plan.windows = spread(plan.windows, static_cast<std::size_t>(settings.data.take));
   plan.epochs = static_cast<std::uint64_t>(settings.pretrain.epochs);
   plan.batch = static_cast<std::uint64_t>(settings.pretrain.batch);
-  if (settings.data.norm != "none") pool.measure_scaling(plan.windows, settings.data.norm == "pooled");
+  if (settings.data.norm != "none") pool.measure_scaling(plan.windows, scaled_by(settings.data.norm));
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
   Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, numerics);

@@ -99,10 +99,10 @@ const std::vector<Key>& keys() {
        FIELD(data.norm),
        0,
        0,
-       {"corpus", "pooled", "none"},
+       {"corpus", "pooled", "background", "none"},
        "corpus: amplitude to mean 0 and deviation 1, phase to deviation 1, measured on each data set; "
-       "pooled: "
-       "on all of them together; none: raw"},
+       "pooled: on all of them together; background: each channel of each link by its mean and deviation in "
+       "the window's installation; none: raw"},
 
       {"pretrain.mask",
        FIELD(pretrain.mask),

@@ -2,8 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <charconv>
 #include <cmath>
 #include <cstring>
+#include <fstream>
+#include <nlohmann/json.hpp>
 
 #include "proto/npy.h"
 #include "train/label_rows.h"
@@ -14,6 +17,7 @@ namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
+using Json = nlohmann::json;
 
 class WindowFolder : public WindowSource {
  public:
@@ -30,6 +34,8 @@ class WindowFolder : public WindowSource {
              fmt::format("has not one number for each of the {} windows", view->shape[0]));
     clips_ = clips.data;
     people_.resize(clips_.size());
+    rooms_ = read_rooms(folder, clips_.size());
+    about_ = read_about(folder);
     if (fs::exists(folder / "labels.npy")) read_labels(folder / "labels.npy");
   }
 
@@ -45,6 +51,11 @@ class WindowFolder : public WindowSource {
   }
   std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }
   std::uint64_t clip(std::size_t i) const override { return clips_[i]; }
+  std::string room(std::size_t i) const override {
+    if (rooms_.empty()) return name();
+    const auto named = about_.rooms.find(rooms_[i]);
+    return named != about_.rooms.end() ? named->second : fmt::format("{} {}", name(), rooms_[i]);
+  }
 
  private:
   void read_labels(const fs::path& path) {
@@ -65,6 +76,8 @@ class WindowFolder : public WindowSource {
   ByteView numbers_;
   std::vector<std::uint32_t> clips_;
   std::vector<std::vector<Skeleton>> people_;
+  std::vector<std::uint8_t> rooms_;
+  SetAbout about_;
 };
 
 }  // namespace
@@ -79,6 +92,27 @@ std::vector<std::uint8_t> read_rooms(const fs::path& folder, std::size_t windows
   NpyArray<std::uint8_t> rooms = read_npy<std::uint8_t>(path);
   if (rooms.shape != NpyShape{windows}) refuse(path, "has not one number for each window");
   return std::move(rooms.data);
+}
+
+SetAbout read_about(const fs::path& folder) {
+  SetAbout about{"windows", fs::exists(folder / "labels.npy"), {}};
+  const fs::path path = folder / "about.json";
+  std::ifstream file(path);
+  if (!file) return about;
+  try {
+    const Json json = Json::parse(file);
+    about.kind = json.at("kind").get<std::string>();
+    for (const auto& [number, name] : json.at("rooms").items()) {
+      std::uint8_t room = 0;
+      const char* end = number.data() + number.size();
+      if (std::from_chars(number.data(), end, room).ptr != end) refuse(path, "a room has no number");
+      about.rooms[room] = name.get<std::string>();
+      if (about.rooms[room].find('/') != std::string::npos) refuse(path, "a room's name holds a slash");
+    }
+  } catch (const Json::exception& error) {
+    refuse(path, fmt::format("is not what a data set says of itself: {}", error.what()));
+  }
+  return about;
 }
 
 }  // namespace csipose::train

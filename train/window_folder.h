@@ -14,6 +14,7 @@
 #include <memory>
 #include <vector>
 
+#include "train/data_set.h"
 #include "train/window_source.h"
 
 namespace csipose::train {
@@ -22,5 +23,7 @@ namespace csipose::train {
 std::shared_ptr<const WindowSource> open_window_folder(const std::filesystem::path& folder);
 /// room.npy, one number a window; empty where there is none. Throws SetupError (bad_data).
 std::vector<std::uint8_t> read_rooms(const std::filesystem::path& folder, std::size_t windows);
+/// about.json; of kind "windows" where there is none. Throws SetupError (bad_data).
+SetAbout read_about(const std::filesystem::path& folder);
 
 }  // namespace csipose::train

@@ -32,27 +32,6 @@ std::string to_json(const SetAbout& about, std::size_t windows, const std::vecto
          "\n";
 }
 
-SetAbout read_about(const fs::path& folder) {
-  SetAbout about{"windows", fs::exists(folder / "labels.npy"), {}};
-  const fs::path path = folder / "about.json";
-  std::ifstream file(path);
-  if (!file) return about;
-  try {
-    const Json json = Json::parse(file);
-    about.kind = json.at("kind").get<std::string>();
-    for (const auto& [number, name] : json.at("rooms").items()) {
-      std::uint8_t room = 0;
-      const char* end = number.data() + number.size();
-      if (std::from_chars(number.data(), end, room).ptr != end) refuse(path, "a room has no number");
-      about.rooms[room] = name.get<std::string>();
-      if (about.rooms[room].find('/') != std::string::npos) refuse(path, "a room's name holds a slash");
-    }
-  } catch (const Json::exception& error) {
-    refuse(path, fmt::format("is not what a data set says of itself: {}", error.what()));
-  }
-  return about;
-}
-
 class WindowFolderSet final : public DataSet {
  public:
   explicit WindowFolderSet(const fs::path& folder)

@@ -19,6 +19,9 @@ class WindowSource {
   virtual void read(std::size_t i, std::span<float> x) const = 0;
   /// Its people in the label frame; empty for a set without labels too.
   virtual std::span<const Skeleton> people(std::size_t i) const = 0;
+  /// Name of the installation (room and powered cards) that it was received by; sets of the same installation share it. A set
+  /// that does not tell is one of its own.
+  virtual std::string room(std::size_t) const { return name(); }
   /// Windows of a clip are much alike: they are held out together.
   virtual std::uint64_t clip(std::size_t i) const = 0;
 };

@@ -13,6 +13,7 @@
 #include "model/accuracy_gate.h"
 #include "model/calibrate.h"
 #include "proto/result.h"
+#include "tests/model/made_up_background.h"
 
 namespace csipose {
 namespace {
@@ -96,6 +97,20 @@ TEST(OneDnnEngine, EveryStageIsTheReferences) {
   for (const char* preset : kPresets) {
     SCOPED_TRACE(preset);
     expect_equal_stages(model_of(preset), all_links());
+  }
+}
+
+TEST(OneDnnEngine, TakesTheWindowsBackgroundOff) {
+  const auto model = testing::with_backgrounds(
+      random_weights(preset_config("micro"), 7, HeadInit::random),
+      {testing::made_up_background("den", 1), testing::made_up_background("hall", 2)});
+  const auto exact = make_reference_engine(model);
+  const auto engine = onednn(model, Precision::f32);
+  for (const LinkSet links : {all_links(), LinkSet(0b111000111)}) {
+    const auto x = testing::window_before(model->normalisation().backgrounds[1], 3);
+    const NetworkOutput wanted = exact->run(x, links), got = engine->run(x, links);
+    EXPECT_LT(difference(engine->stage("embed"), exact->stage("embed")).most_absolute, 1e-4);
+    EXPECT_LT(difference(got.poses, wanted.poses).most_absolute, 1e-4);
   }
 }
 

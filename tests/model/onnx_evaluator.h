@@ -168,13 +168,35 @@ class OnnxEvaluator {
     order.resize(wanted);
     return {{wanted}, order};
   }
-  static Tensor gather_rows(const Tensor& x, const Tensor& rows) {
-    Tensor out{{1, rows.data.size(), x.last()}, {}};
-    for (const double row : rows.data) {
-      const auto first = x.data.begin() + static_cast<std::ptrdiff_t>(std::size_t(row) * x.last());
-      out.data.insert(out.data.end(), first, first + static_cast<std::ptrdiff_t>(x.last()));
-    }
+  /// Slices `which` (one axis) of x along `axis`.
+  static Tensor gather_slices(const Tensor& x, const Tensor& which, std::size_t axis) {
+    const auto axes = x.shape.begin() + static_cast<std::ptrdiff_t>(axis);
+    const std::size_t outer = count({x.shape.begin(), axes}), inner = count({axes + 1, x.shape.end()});
+    Tensor out{x.shape, {}};
+    out.shape[axis] = which.data.size();
+    for (std::size_t o = 0; o < outer; ++o)
+      for (const double slice : which.data) {
+        const auto from = (o * x.shape[axis] + static_cast<std::size_t>(slice)) * inner;
+        const auto first = x.data.begin() + static_cast<std::ptrdiff_t>(from);
+        out.data.insert(out.data.end(), first, first + static_cast<std::ptrdiff_t>(inner));
+      }
     return out;
+  }
+  /// Over the axes that the node names; they stay, with size 1.
+  static Tensor reduce_mean(const Tensor& x, const onnx::AttributeProto& axes) {
+    Tensor out{x.shape, {}};
+    for (const std::int64_t axis : axes.ints()) out.shape[static_cast<std::size_t>(axis)] = 1;
+    out.data.assign(count(out.shape), 0);
+    const double share = static_cast<double>(out.data.size()) / static_cast<double>(x.data.size());
+    for (std::size_t i = 0; i < x.data.size(); ++i)
+      out.data[broadcast(i, x.shape, out.shape)] += share * x.data[i];
+    return out;
+  }
+  /// Along axis 0 of a tensor whose other axes have size 1.
+  static Tensor least(const Tensor& x) {
+    if (x.shape[0] != x.data.size()) throw std::runtime_error("more than one column");
+    const auto place = std::min_element(x.data.begin(), x.data.end()) - x.data.begin();
+    return {Sizes(x.shape.size(), 1), {static_cast<double>(place)}};
   }
 
   static void require_axis(const onnx::NodeProto& node, std::int64_t axis) {
@@ -186,11 +208,14 @@ class OnnxEvaluator {
     const Tensor& x = in(node, 0);
     const Tensor rows = best(x, static_cast<std::size_t>(in(node, 1).data[0]));
     values_[node.output(1)] = rows;
-    return gather_rows({{x.data.size(), 1}, x.data}, rows);
+    return gather_slices(x, rows, 0);
   }
   Tensor gather(const onnx::NodeProto& node) {
-    require_axis(node, 1);
-    return gather_rows(in(node, 0), in(node, 1));
+    return gather_slices(in(node, 0), in(node, 1), static_cast<std::size_t>(attribute(node, "axis").i()));
+  }
+  Tensor arg_min(const onnx::NodeProto& node) {
+    require_axis(node, 0);
+    return least(in(node, 0));
   }
   Tensor row_softmax(const onnx::NodeProto& node) {
     require_axis(node, -1);
@@ -219,6 +244,9 @@ class OnnxEvaluator {
            const auto epsilon = static_cast<double>(attribute(node, "epsilon").f());
            return layer_norm(in(node, 0), in(node, 1), in(node, 2), epsilon);
          }},
+        {"Floor", one([](double x) { return std::floor(x); })},
+        {"ReduceMean", [&] { return reduce_mean(in(node, 0), attribute(node, "axes")); }},
+        {"ArgMin", [&] { return arg_min(node); }},
         {"Gather", [&] { return gather(node); }},
         {"TopK", [&] { return top_k(node); }}};
     const auto found = operations.find(node.op_type());

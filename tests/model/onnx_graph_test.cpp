@@ -9,6 +9,7 @@
 
 #include "model/engine.h"
 #include "model/model.h"
+#include "tests/model/made_up_background.h"
 #include "tests/model/onnx_evaluator.h"
 
 namespace csipose {
@@ -40,6 +41,35 @@ std::shared_ptr<const Model> scaled_model(const NetworkConfig& config) {
   return Model::from(SafetensorsFile::parse(pack_safetensors(file.metadata(), tensors), "some.safetensors"));
 }
 
+/// The same against backgrounds, phases near the cut; windows that belong to the second are made by window_of().
+std::shared_ptr<const Model> model_with_backgrounds(const NetworkConfig& config) {
+  return testing::with_backgrounds(
+      random_weights(config, 5, HeadInit::random),
+      {testing::made_up_background("den", 1), testing::made_up_background("hall", 2)});
+}
+
+/// Outputs and the encoder's tokens of the graph and of the plain loops.
+void expect_same(const Model& model, std::shared_ptr<const Model> owner, const std::vector<float>& x) {
+  const auto engine = make_reference_engine(std::move(owner));
+  const NetworkOutput expected = engine->run(x, LinkSet().set());
+  const onnx::ModelProto proto = parsed(model);
+  testing::OnnxEvaluator evaluator(proto.graph());
+  const auto& values = evaluator.run("csi", {{1, kChannels, kSamples, kLinks}, {x.begin(), x.end()}});
+  const OnnxTensor &poses = values.at("poses"), &scores = values.at("scores");
+  const std::size_t queries = model.config().queries;
+  ASSERT_EQ(poses.shape, (std::vector<std::size_t>{1, queries, kJoints, 3}));
+  ASSERT_EQ(scores.shape, (std::vector<std::size_t>{1, queries}));
+  for (std::size_t i = 0; i < poses.data.size(); ++i)
+    ASSERT_NEAR(poses.data[i], static_cast<double>(expected.poses[i]), 1e-5) << i;
+  for (std::size_t q = 0; q < queries; ++q)
+    EXPECT_NEAR(scores.data[q], 1 / (1 + std::exp(-static_cast<double>(expected.logits[q]))), 1e-6);
+  const auto encoded = engine->stage("encoder");
+  const OnnxTensor& named = values.at("encoder.norm");
+  ASSERT_EQ(named.data.size(), encoded.size());
+  for (std::size_t i = 0; i < encoded.size(); ++i)
+    ASSERT_NEAR(named.data[i], static_cast<double>(encoded[i]), 1e-5) << i;
+}
+
 NetworkConfig micro(bool identity, std::size_t decoder_layers, std::size_t refine_layers) {
   NetworkConfig config = preset_config("micro");
   config.preset = "custom";
@@ -53,29 +83,21 @@ NetworkConfig micro(bool identity, std::size_t decoder_layers, std::size_t refin
 TEST(OnnxGraph, ComputesTheNetwork) {
   for (const NetworkConfig& config : {micro(true, 2, 2), micro(false, 1, 1), micro(false, 1, 0)}) {
     const auto model = scaled_model(config);
-    const auto x = window();
-    const auto engine = make_reference_engine(model);
-    const NetworkOutput expected = engine->run(x, LinkSet().set());
-    const onnx::ModelProto proto = parsed(*model);
-    testing::OnnxEvaluator evaluator(proto.graph());
-    const auto& values = evaluator.run("csi", {{1, kChannels, kSamples, kLinks}, {x.begin(), x.end()}});
-    const OnnxTensor &poses = values.at("poses"), &scores = values.at("scores");
-    ASSERT_EQ(poses.shape, (std::vector<std::size_t>{1, config.queries, kJoints, 3}));
-    ASSERT_EQ(scores.shape, (std::vector<std::size_t>{1, config.queries}));
-    for (std::size_t i = 0; i < poses.data.size(); ++i)
-      ASSERT_NEAR(poses.data[i], static_cast<double>(expected.poses[i]), 1e-5) << i;
-    for (std::size_t q = 0; q < config.queries; ++q)
-      EXPECT_NEAR(scores.data[q], 1 / (1 + std::exp(-static_cast<double>(expected.logits[q]))), 1e-6);
-    const auto encoded = engine->stage("encoder");
-    const OnnxTensor& named = values.at("encoder.norm");
-    ASSERT_EQ(named.data.size(), encoded.size());
-    for (std::size_t i = 0; i < encoded.size(); ++i)
-      ASSERT_NEAR(named.data[i], static_cast<double>(encoded[i]), 1e-5) << i;
+    expect_same(*model, model, window());
+  }
+}
+
+TEST(OnnxGraph, ChoosesTheBackground) {
+  const auto model = model_with_backgrounds(micro(true, 1, 1));
+  for (const std::uint64_t seed : {1, 2}) {
+    const auto x = testing::window_before(testing::made_up_background("", seed), 7);
+    expect_same(*model, model, x);
   }
 }
 
 // ONNX's own checker and shape inference, and what a reader of the file relies on.
 TEST(OnnxGraph, IsSoundByTheRulesOfTheFormat) {
+  onnx::checker::check_model(parsed(*model_with_backgrounds(micro(true, 1, 1))));
   const auto model = init_random(preset_config("tiny"), 1, HeadInit::zero);
   onnx::ModelProto proto = parsed(*model);
   onnx::checker::check_model(proto);

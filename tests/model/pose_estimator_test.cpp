@@ -7,6 +7,7 @@
 #include "model/model.h"
 #include "proto/result.h"
 #include "tests/counting_allocator.h"
+#include "tests/model/made_up_background.h"
 
 namespace csipose {
 namespace {
@@ -92,6 +93,36 @@ TEST_F(Estimator, NanInAPresentLinkGivesNobodyInAnAbsentOneIsNotLookedAt) {
   EXPECT_EQ(network->runs, 0);
   window.links.reset(4);
   EXPECT_EQ(next().people_count, 2u);
+}
+
+// Weights that know two installations: one of them, then a third, then the first again.
+TEST(EstimatorOfInstallations, NobodyIsInferredWhereTheWeightsKnowNothing) {
+  const Background den = testing::made_up_background("den", 1), hall = testing::made_up_background("hall", 2),
+                   elsewhere = testing::made_up_background("", 3);
+  const auto model =
+      testing::with_backgrounds(random_weights(preset_config("micro"), 5, HeadInit::zero), {den, hall});
+  auto scripted = std::make_unique<Scripted>();
+  scripted->answer({1});
+  PoseEstimator estimator(model, std::move(scripted), EstimatorConfig{});
+  Window window;
+  window.links.set();
+  std::uint64_t seed = 0;
+  const auto estimate = [&](const Background& background) -> const Estimate& {
+    std::ranges::copy(testing::window_before(background, ++seed), window.x.begin());
+    window.last_sample += std::chrono::milliseconds(100);
+    return estimator.estimate(window);
+  };
+  for (int i = 0; i < 50; ++i) ASSERT_EQ(estimate(hall).people_count, 1u);
+  EXPECT_EQ(estimate(elsewhere).people_count, 1u) << "one window proves nothing";
+  int windows = 1;
+  while (estimate(elsewhere).people_count > 0 && windows < 1000) ++windows;
+  EXPECT_LT(windows, 50) << "five seconds do";
+  EXPECT_EQ(estimate(elsewhere).reasons, reason_bit(Reason::unknown_installation));
+  for (int i = 0; i < 1000; ++i) estimate(den);
+  EXPECT_EQ(estimate(den).people_count, 1u);
+  EXPECT_EQ(estimate(den).reasons, 0u);
+  estimator.reset();
+  EXPECT_EQ(estimate(elsewhere).reasons, reason_bit(Reason::unknown_installation)) << "nothing is remembered";
 }
 
 TEST_F(Estimator, AnAnswerThatIsNotFiniteGivesNobody) {

@@ -308,7 +308,7 @@ TEST(Pool, IsScaledBySetsOrTogether) {
   const auto each = pool.scaling();
   EXPECT_NEAR(each[1].amp_std, 3 * each[0].amp_std, 1e-4);
   EXPECT_NEAR(pool.tokens(all).narrow(2, 0, kSubcarriers).std().item<double>(), 1, 1e-3);
-  pool.measure_scaling(all, true);
+  pool.measure_scaling(all, ScaledBy::all);
   const auto together = pool.scaling();
   EXPECT_EQ(together[0].amp_std, together[1].amp_std);
   EXPECT_EQ(together[0].ph_std, together[1].ph_std);
@@ -316,6 +316,61 @@ TEST(Pool, IsScaledBySetsOrTogether) {
   const double m = each[0].amp_mean, v = std::pow(each[0].amp_std, 2);
   EXPECT_NEAR(together[0].amp_mean, 2 * m, 1e-4);
   EXPECT_NEAR(std::pow(together[0].amp_std, 2), 5 * (v + m * m) - 4 * m * m, 1e-3);
+}
+
+/// The same people before other walls.
+class Elsewhere : public MadeUpSet {
+ public:
+  explicit Elsewhere(std::size_t windows) : MadeUpSet(windows, 1, 1) {}
+  void read(std::size_t i, std::span<float> x) const override {
+    MadeUpSet::read(i, x);
+    for (std::size_t n = 0; n < x.size(); ++n)
+      x[n] = n < x.size() / 2 ? 40 + 5 * x[n] : wrapped(3 + x[n] / 2);
+  }
+  std::string room(std::size_t) const override { return "elsewhere"; }
+};
+
+TEST_F(Runs, WindowsAreScaledByTheirInstallations) {
+  const auto here = std::make_shared<MadeUpSet>(200, 1, 1);
+  Pool pool({here, std::make_shared<Elsewhere>(200)});
+  std::vector<std::uint64_t> all(pool.size());
+  std::iota(all.begin(), all.end(), std::uint64_t{0});
+  pool.measure_scaling(all, ScaledBy::background);
+  const Normalisation& scaling = pool.scaling().front();
+  ASSERT_EQ(scaling.backgrounds.size(), 2u);
+  EXPECT_EQ(scaling.backgrounds[0].name, "elsewhere");
+  EXPECT_EQ(scaling.backgrounds[1].name, "made-up");
+  const at::Tensor tokens = pool.tokens(all);
+  const at::Tensor amplitudes = tokens.narrow(2, 0, kSubcarriers);
+  for (const std::int64_t first : {0, 200}) {  // each of them alone
+    const at::Tensor part = amplitudes.narrow(0, first, 200).select(1, kTokens / 2);
+    EXPECT_LT(part.mean(0).abs().max().item<double>(), 0.1);
+    EXPECT_NEAR(part.std(0).mean().item<double>(), 1, 0.02);
+  }
+  // Shifted and stretched they look alike.
+  EXPECT_LT((tokens.narrow(0, 0, 200) - tokens.narrow(0, 200, 200)).abs().max().item<double>(), 0.1);
+
+  // What is written is what the daemon's side reads and does.
+  fs::create_directories(folder_);
+  Weights weights = untrained_weights(preset_config("micro"), 1);
+  set_normalisation(weights, scaling);
+  write_weights(folder_ / "w.safetensors", weights);
+  const auto engine = make_reference_engine(Model::load(folder_ / "w.safetensors"));
+  std::vector<float> x(kChannels * kTokens);
+  for (const std::uint64_t window : {5, 205}) {
+    pool.read(window, x);
+    const NetworkOutput theirs = engine->run(x, LinkSet().set());
+    const at::Tensor ours =
+        infer(weights.parameters, weights.config, pool.tokens(std::array{window}), {}, Numerics{})
+            .joints.flatten();
+    for (std::int64_t i = 0; i < ours.numel(); ++i)
+      ASSERT_NEAR(ours[i].item<float>(), theirs.poses[static_cast<std::size_t>(i)], 1e-4);
+  }
+}
+
+TEST(Pool, RefusesABackgroundThatDoesNotVary) {
+  Pool one({std::make_shared<MadeUpSet>(1, 1, 1)});
+  EXPECT_THROW(one.measure_scaling(std::array{std::uint64_t{0}}, ScaledBy::background), SetupError);
 }
 
 TEST(Spread, TakesWindowsFromEverywhere) {
