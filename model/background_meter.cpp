@@ -9,17 +9,14 @@
 #include "proto/result.h"
 
 namespace csipose {
-namespace {
-constexpr std::size_t kPhases = kSubcarriers * kLinks;  // the first element that is a phase
-}
 
 void BackgroundMeter::add(std::span<const float> x) {
   assert(x.size() == kChannels * kTokens);
   constexpr std::size_t kMiddle = kSamples / 2;
   for (std::size_t e = 0; e < kElements; ++e) {
     const auto value = static_cast<double>(x[Window::index(e / kLinks, kMiddle, e % kLinks)]);
-    first_[e] += e < kPhases ? value : std::cos(value);
-    second_[e] += e < kPhases ? value * value : std::sin(value);
+    first_[e] += e < kFirstPhase ? value : std::cos(value);
+    second_[e] += e < kFirstPhase ? value * value : std::sin(value);
   }
   ++count_;
 }
@@ -28,7 +25,7 @@ Background BackgroundMeter::background(const std::string& name) const {
   Background out{name, {}, {}};
   const auto count = static_cast<double>(std::max<std::uint64_t>(count_, 1));
   for (std::size_t e = 0; e < kElements; ++e) {
-    const bool phase = e >= kPhases;
+    const bool phase = e >= kFirstPhase;
     const double a = first_[e] / count, b = second_[e] / count;
     const double squares = phase ? -std::log(std::min(a * a + b * b, 1.)) : std::max(b - a * a, 0.);
     const auto deviation = static_cast<float>(std::sqrt(squares));

@@ -6,11 +6,9 @@
 namespace csipose {
 namespace {
 
-constexpr std::size_t kPhases = kSubcarriers * kLinks;  // the first element that is a phase
-
 float from_background(const Background& background, std::size_t element, float value) {
   const float difference = value - background.mean[element];
-  return (element < kPhases ? difference : wrapped(difference)) / background.deviation[element];
+  return (element < kFirstPhase ? difference : wrapped(difference)) / background.deviation[element];
 }
 
 /// [c * 9 + l] of the differences of each of a window's samples from its first one, averaged, and added to that: phases may

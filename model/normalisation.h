@@ -17,6 +17,8 @@
 namespace csipose {
 
 inline constexpr std::size_t kElements = kChannels * kLinks;
+inline constexpr std::size_t kFirstPhase =
+    kSubcarriers * kLinks;                            // of the elements; amplitudes come before it
 inline constexpr std::size_t kMostBackgrounds = 256;  // of a weights file
 
 /// Mean and deviation of each channel of each link, [c * 9 + l]: amplitudes as in Window::x, phases in radians, their mean on
