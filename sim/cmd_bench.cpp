@@ -35,13 +35,12 @@ struct Workload {
 };
 
 Workload flying_solids() {
-  return {"sim-object", [](std::uint32_t clip) { return object_scene(kSeed, clip, kRate_hz); },
-          frame_arrays(Storage::records),
-          [](std::uint32_t clip, std::uint32_t frames) {
-            const auto scene = object_scene(kSeed, clip, kRate_hz);
-            return make_clip(*scene, Storage::records, impairments(ImpairmentLevel::intel5300), kSeed, clip,
-                             frames, kRate_hz);
-          }};
+  return {
+      "sim-object", [](std::uint32_t clip) { return object_scene(kSeed, clip, kRate_hz); }, frame_arrays({}),
+      [](std::uint32_t clip, std::uint32_t frames) {
+        const auto scene = object_scene(kSeed, clip, kRate_hz);
+        return make_clip(*scene, {}, impairments(ImpairmentLevel::intel5300), kSeed, clip, frames, kRate_hz);
+      }};
 }
 
 Workload three_people() {
@@ -51,9 +50,9 @@ Workload three_people() {
           [](std::uint32_t clip) -> std::unique_ptr<MovingScene> {
             return std::make_unique<HumanScene>(spec, kSeed, clip, kRate_hz);
           },
-          human_arrays(Storage::records),
+          human_arrays({}),
           [](std::uint32_t clip, std::uint32_t frames) {
-            return make_human_clip({spec, clip, frames, 0, &solver}, Storage::records,
+            return make_human_clip({spec, clip, frames, 0, &solver}, {},
                                    impairments(ImpairmentLevel::intel5300), kSeed, kRate_hz);
           },
           &solver};

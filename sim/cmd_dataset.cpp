@@ -1,10 +1,12 @@
 // csipose-sim dataset: frames for training, as NumPy arrays.
 #include <fmt/core.h>
 #include <fmt/ranges.h>
+#include <malloc.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <climits>
 #include <memory>
 #include <numeric>
 #include <thread>
@@ -22,6 +24,7 @@ namespace {
 struct DatasetOptions {
   std::filesystem::path folder;
   std::uint32_t clips = 900, frames = 100;
+  std::size_t snapshots = kSamples;
   double rate_hz = 300;
   std::uint64_t seed = 1;
   unsigned threads = std::max(1u, std::thread::hardware_concurrency());
@@ -29,7 +32,7 @@ struct DatasetOptions {
   RadioOptions radio;
   Ways ways;
 
-  Storage storage() const { return *find_storage(store); }
+  FrameFormat format() const { return {*find_storage(store), snapshots}; }
 };
 
 struct HumanOptions : DatasetOptions {
@@ -68,7 +71,7 @@ std::map<std::string, std::string> made_by(const char* generator, const DatasetO
   return {{"generator", generator},
           {"seed", std::to_string(options.seed)},
           {"rate_hz", fmt::format("{}", options.rate_hz)},
-          {"impair", options.storage() == Storage::records ? options.radio.words() : "none"},
+          {"impair", options.format().storage == Storage::records ? options.radio.words() : "none"},
           {"store", options.store},
           {"pairs", std::to_string(options.ways.pairs)},
           {"clutter", options.ways.clutter ? "yes" : "no"},
@@ -79,6 +82,10 @@ std::map<std::string, std::string> made_by(const char* generator, const DatasetO
 /// Makes what is missing, then the manifest.
 void make_dataset(const DatasetPlan& plan, unsigned threads,
                   const std::function<ClipRows(std::uint32_t)>& make) {
+  // Each clip takes a copy of its room's solver; without this glibc gives its pages back to the kernel after every one: a
+  // fifth of the time where a clip is one snapshot.
+  ::mallopt(M_MMAP_THRESHOLD, INT_MAX);
+  ::mallopt(M_TRIM_THRESHOLD, INT_MAX);
   Dataset dataset(plan);
   Progress progress(plan);
   fill(dataset, threads, make, [&](std::uint32_t done, std::uint32_t clips) { progress(done, clips); });
@@ -92,20 +99,20 @@ void make_object_dataset(const DatasetOptions& options) {
   DatasetPlan plan;
   plan.folder = options.folder;
   plan.clip_frames.assign(options.clips, options.frames);
-  plan.arrays = frame_arrays(options.storage());
+  plan.arrays = frame_arrays(options.format());
   plan.splits = usual_splits(options.clips);
   plan.made_by = made_by("sim-object", options);
   const Impairments on = options.radio.impairments();
   make_dataset(plan, options.threads, [&](std::uint32_t clip) {
     const auto scene = object_scene(options.seed, clip, options.rate_hz, options.ways);
-    return make_clip(*scene, options.storage(), on, options.seed, clip, options.frames, options.rate_hz);
+    return make_clip(*scene, options.format(), on, options.seed, clip, options.frames, options.rate_hz);
   });
 }
 
 DatasetPlan human_plan(const DatasetOptions& options, const std::vector<std::string>& rooms) {
   DatasetPlan plan;
   plan.folder = options.folder;
-  plan.arrays = human_arrays(options.storage());
+  plan.arrays = human_arrays(options.format());
   plan.names["room"] = rooms;
   plan.names["action"].assign(kActionNames.begin(), kActionNames.end());
   return plan;
@@ -151,7 +158,7 @@ void make_human_dataset(const HumanOptions& options) {
     clip.spec.allowed = options.who.allowed();
     clip.spec.chairs = options.who.chairs;
     if (!same_room) set_ways(clip.spec.room.still, options.ways, options.seed, number);
-    return make_human_clip(clip, options.storage(), on, options.seed, options.rate_hz);
+    return make_human_clip(clip, options.format(), on, options.seed, options.rate_hz);
   });
 }
 
@@ -179,7 +186,7 @@ void make_simpiw(const SimPiwOptions& options) {
                          it.frames,
                          it.room,
                          &solvers[it.room]};
-    return make_human_clip(clip, options.storage(), on, options.seed, options.rate_hz);
+    return make_human_clip(clip, options.format(), on, options.seed, options.rate_hz);
   });
 }
 
@@ -200,8 +207,14 @@ void add_common_options(CLI::App& command, DatasetOptions& options) {
   command.add_option("--clips", options.clips, "scenes")
       ->check(CLI::Range(1u, 10'000'000u))
       ->capture_default_str();
-  command.add_option("--frames", options.frames, "of 20 snapshots, per clip")
+  command.add_option("--frames", options.frames, "per clip")
       ->check(CLI::Range(1u, 100'000u))
+      ->capture_default_str();
+  command
+      .add_option(
+          "--snapshots", options.snapshots,
+          "of a frame; fewer than 20: to learn from with as few samples, see docs/simulator-dataset.md")
+      ->check(CLI::Range(std::size_t{1}, std::size_t{kSamples}))
       ->capture_default_str();
   command.add_option("--rate", options.rate_hz, "snapshots a second")
       ->check(CLI::Range(1.0, 10'000.0))

@@ -27,30 +27,33 @@ std::optional<Storage> find_storage(std::string_view name) {
   return std::nullopt;
 }
 
-std::vector<ArrayPlan> frame_arrays(Storage storage) {
+std::vector<ArrayPlan> frame_arrays(const FrameFormat& format) {
   const ArrayPlan clip{"clip", "<u4", 4, {}};
-  if (storage == Storage::channel)
-    return {clip, {"h", "<c8", 8, {kSamples, kSubcarriers, kReceivers, kAntennas}}};
-  if (storage == Storage::half)
-    return {
-        clip, {"h", "<f2", 2, {kSamples, kSubcarriers, kReceivers, kAntennas, 2}}, {"h_rms", "<f4", 4, {}}};
+  const std::size_t t = format.snapshots;
+  if (format.storage == Storage::channel)
+    return {clip, {"h", "<c8", 8, {t, kSubcarriers, kReceivers, kAntennas}}};
+  if (format.storage == Storage::half)
+    return {clip, {"h", "<f2", 2, {t, kSubcarriers, kReceivers, kAntennas, 2}}, {"h_rms", "<f4", 4, {}}};
   return {clip,
-          {"csi", "|i1", 1, {kSamples, kReceivers, kSubcarriers, kAntennas, 2}},
-          {"received", "|u1", 1, {kSamples, kReceivers}},
-          {"rssi", "|u1", 1, {kSamples, kReceivers, kAntennas}},
-          {"agc", "|u1", 1, {kSamples, kReceivers}}};
+          {"csi", "|i1", 1, {t, kReceivers, kSubcarriers, kAntennas, 2}},
+          {"received", "|u1", 1, {t, kReceivers}},
+          {"rssi", "|u1", 1, {t, kReceivers, kAntennas}},
+          {"agc", "|u1", 1, {t, kReceivers}}};
 }
 
-FrameMaker::FrameMaker(FastSolver solver, Storage storage, const Impairments& on, std::uint64_t seed,
-                       std::uint32_t clip, double rate_hz)
-    : storage_(storage), clip_(clip), bank_(on, Band{}, seed, clip, rate_hz), batch_(std::move(solver)) {}
+FrameMaker::FrameMaker(FastSolver solver, const FrameFormat& format, const Impairments& on,
+                       std::uint64_t seed, std::uint32_t clip, double rate_hz)
+    : format_(format),
+      clip_(clip),
+      bank_(on, Band{}, seed, clip, rate_hz),
+      batch_(std::move(solver), format.snapshots) {}
 
 void FrameMaker::add_frame(MovingScene& scene, ClipRows& rows) {
   batch_.advance(scene);
   append(rows[0], &clip_, 1);
-  if (storage_ == Storage::channel)
+  if (format_.storage == Storage::channel)
     append(rows[1], batch_.h().data(), batch_.h().size());
-  else if (storage_ == Storage::half)
+  else if (format_.storage == Storage::half)
     append_half(rows);
   else
     append_records(rows);
@@ -70,7 +73,7 @@ void FrameMaker::append_half(ClipRows& rows) const {
 }
 
 void FrameMaker::append_records(ClipRows& rows) {
-  for (std::size_t t = 0; t < kSamples; ++t)
+  for (std::size_t t = 0; t < format_.snapshots; ++t)
     for (const auto& record : bank_.hear(batch_.channel(t)).records) {
       const CsiRecord kept = record.value_or(CsiRecord{});  // lost: zeros
       const std::uint8_t received = record.has_value();
@@ -81,10 +84,10 @@ void FrameMaker::append_records(ClipRows& rows) {
     }
 }
 
-ClipRows make_clip(MovingScene& scene, Storage storage, const Impairments& on, std::uint64_t seed,
+ClipRows make_clip(MovingScene& scene, const FrameFormat& format, const Impairments& on, std::uint64_t seed,
                    std::uint32_t clip, std::uint32_t frames, double rate_hz) {
-  FrameMaker maker(FastSolver(scene.still()), storage, on, seed, clip, rate_hz);
-  ClipRows rows(frame_arrays(storage).size());
+  FrameMaker maker(FastSolver(scene.still()), format, on, seed, clip, rate_hz);
+  ClipRows rows(frame_arrays(format).size());
   for (std::uint32_t frame = 0; frame < frames; ++frame) maker.add_frame(scene, rows);
   return rows;
 }

@@ -19,8 +19,8 @@ std::array<float, kMostPeople * kJoints * 3> label_row(const std::vector<Joints>
 
 }  // namespace
 
-std::vector<ArrayPlan> human_arrays(Storage storage) {
-  std::vector<ArrayPlan> arrays = frame_arrays(storage);
+std::vector<ArrayPlan> human_arrays(const FrameFormat& format) {
+  std::vector<ArrayPlan> arrays = frame_arrays(format);
   arrays.push_back({"labels", "<f4", 4, {kMostPeople, kJoints, 3}});
   arrays.push_back({"count", "|u1", 1, {}});
   arrays.push_back({"action", "|u1", 1, {kMostPeople}});
@@ -28,19 +28,19 @@ std::vector<ArrayPlan> human_arrays(Storage storage) {
   return arrays;
 }
 
-ClipRows make_human_clip(const HumanClip& clip, Storage storage, const Impairments& on, std::uint64_t seed,
-                         double rate_hz) {
+ClipRows make_human_clip(const HumanClip& clip, const FrameFormat& format, const Impairments& on,
+                         std::uint64_t seed, double rate_hz) {
   assert(clip.spec.people <= kMostPeople);
   HumanScene scene(clip.spec, seed, clip.number, rate_hz);
   const bool known =
       clip.solver != nullptr && scene.still().furniture.size() == clip.spec.room.still.furniture.size();
-  FrameMaker maker(known ? *clip.solver : FastSolver(scene.still()), storage, on, seed, clip.number, rate_hz);
-  ClipRows rows(human_arrays(storage).size());
-  const std::size_t labels = frame_arrays(storage).size();
+  FrameMaker maker(known ? *clip.solver : FastSolver(scene.still()), format, on, seed, clip.number, rate_hz);
+  ClipRows rows(human_arrays(format).size());
+  const std::size_t labels = frame_arrays(format).size();
   const auto count = static_cast<std::uint8_t>(clip.spec.people);
   for (std::uint32_t frame = 0; frame < clip.frames; ++frame) {
     maker.add_frame(scene, rows);
-    append(rows[labels], label_row(maker.people(kLabelSample)).data(), kMostPeople * kJoints * 3);
+    append(rows[labels], label_row(maker.people(label_sample(format))).data(), kMostPeople * kJoints * 3);
     append(rows[labels + 1], &count, 1);
     std::array<std::uint8_t, kMostPeople> actions;
     actions.fill(kNoAction);

@@ -6,12 +6,14 @@
 
 namespace csipose::sim {
 
-inline constexpr std::size_t kMostPeople = 3, kLabelSample = 10;
+inline constexpr std::size_t kMostPeople = 3;
 inline constexpr std::uint8_t kNoAction = 255;
 
 /// The arrays of a frame: those of frame_arrays(), then labels (people by joint by x, y, z; not a number where nobody is) at
-/// sample kLabelSample, their count, what each does, and the room.
-std::vector<ArrayPlan> human_arrays(Storage storage);
+/// label_sample(), their count, what each does, and the room.
+std::vector<ArrayPlan> human_arrays(const FrameFormat& format);
+/// The middle of a frame: 10 of 20.
+constexpr std::size_t label_sample(const FrameFormat& format) { return format.snapshots / 2; }
 
 /// One clip: a scene and how much of it.
 struct HumanClip {
@@ -22,8 +24,8 @@ struct HumanClip {
   const FastSolver* solver =
       nullptr;  ///< of the room, when it serves many clips; not used where a clip adds chairs
 };
-ClipRows make_human_clip(const HumanClip& clip, Storage storage, const Impairments& on, std::uint64_t seed,
-                         double rate_hz);
+ClipRows make_human_clip(const HumanClip& clip, const FrameFormat& format, const Impairments& on,
+                         std::uint64_t seed, double rate_hz);
 
 /// simpiw, the counterpart of the published set Person-in-WiFi 3D (Yan et al., CVPR 2024): its counts of frames by people, whole
 /// clips held out for test, three rooms in turn. A tenth of it with `small`.

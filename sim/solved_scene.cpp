@@ -4,14 +4,11 @@
 
 namespace csipose::sim {
 
-SceneBatch::SceneBatch(FastSolver solver)
-    : solver_(std::move(solver)),
-      bodies_(kSamples),
-      people_(kSamples),
-      h_(kSamples * kSubcarriers * kLinks) {}
+SceneBatch::SceneBatch(FastSolver solver, std::size_t samples)
+    : solver_(std::move(solver)), bodies_(samples), people_(samples), h_(samples * kSubcarriers * kLinks) {}
 
 void SceneBatch::advance(MovingScene& scene) {
-  for (std::size_t i = 0; i < kSamples; ++i) {
+  for (std::size_t i = 0; i < bodies_.size(); ++i) {
     scene.next(snapshot_);
     bodies_[i] = snapshot_.bodies;
     people_[i] = snapshot_.people;

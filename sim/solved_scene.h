@@ -12,16 +12,17 @@
 
 namespace csipose::sim {
 
-/// kSamples instants of a moving scene, solved together, which lets shadows be interpolated. All programs solve in these
-/// batches from the first instant on, so that they see the same channel to the last bit.
+/// Instants of a moving scene, solved together, which lets shadows be interpolated. All programs solve in batches of kSamples
+/// from the first instant on, so that they see the same channel to the last bit; only a data set may ask for fewer.
 class SceneBatch {
  public:
-  explicit SceneBatch(FastSolver solver);  ///< for scenes whose still() is the solver's
+  /// For scenes whose still() is the solver's.
+  explicit SceneBatch(FastSolver solver, std::size_t samples = kSamples);
 
-  /// The scene's next kSamples instants.
+  /// The scene's next instants.
   void advance(MovingScene& scene);
 
-  /// H[kSamples][kSubcarriers][kReceivers][kAntennas], C order.
+  /// H[sample][kSubcarriers][kReceivers][kAntennas], C order.
   std::span<const std::complex<float>> h() const { return h_; }
   Channel channel(std::size_t sample) const;
   const std::vector<Joints>& people(std::size_t sample) const { return people_[sample]; }

@@ -20,25 +20,28 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A mapped array whose rows have one shape.
+/// A mapped array whose rows have one shape, but for their first size, the snapshots of a frame.
 class Rows {
  public:
   Rows(const fs::path& path, std::string_view descr, const NpyShape& row) : file_(path) {
     const Result<NpyView, std::string> view = parse_npy(file_.bytes());
     if (!view) refuse(path, view.error());
-    if (view->descr != descr || view->fortran_order || view->shape.size() != row.size() + 1 ||
-        NpyShape(view->shape.begin() + 1, view->shape.end()) != row)
+    if (view->descr != descr || view->fortran_order || view->shape.size() != row.size() + 2 ||
+        NpyShape(view->shape.begin() + 2, view->shape.end()) != row || view->shape[1] < 1 ||
+        view->shape[1] > kSamples)
       refuse(path, fmt::format("is no array of {} in rows of the shape that a simulated set has", descr));
     count_ = view->shape[0];
+    snapshots_ = view->shape[1];
     data_ = view->data;
   }
   std::size_t count() const { return count_; }
+  std::size_t snapshots() const { return snapshots_; }
   const std::uint8_t* row(std::size_t i) const { return data_.data() + i * (data_.size() / count_); }
 
  private:
   MappedFile file_;
   ByteView data_;
-  std::size_t count_ = 0;
+  std::size_t count_ = 0, snapshots_ = 0;
 };
 
 /// CSI of a set's snapshots, whatever it is kept as.
@@ -46,19 +49,23 @@ class Snapshots {
  public:
   virtual ~Snapshots() = default;
   virtual std::size_t rows() const = 0;
+  /// Of a row; t is less.
+  virtual std::size_t snapshots() const = 0;
   /// nullopt: the receiver did not hear it.
   virtual std::optional<StreamCsi> read(std::size_t row, std::size_t t, std::size_t receiver) const = 0;
 };
 
-/// What the card reports: csi.npy [20][3][30][3][2] and received.npy [20][3].
+/// What the card reports: csi.npy [T][3][30][3][2] and received.npy [T][3].
 class CardSnapshots : public Snapshots {
  public:
   explicit CardSnapshots(const fs::path& folder)
-      : csi_(folder / "csi.npy", "|i1", {kSamples, kReceivers, kSubcarriers, kAntennas, 2}),
-        received_(folder / "received.npy", "|u1", {kSamples, kReceivers}) {
-    if (received_.count() != csi_.count()) refuse(folder / "received.npy", "has not as many rows as csi.npy");
+      : csi_(folder / "csi.npy", "|i1", {kReceivers, kSubcarriers, kAntennas, 2}),
+        received_(folder / "received.npy", "|u1", {kReceivers}) {
+    if (received_.count() != csi_.count() || received_.snapshots() != csi_.snapshots())
+      refuse(folder / "received.npy", "has not as many rows and snapshots as csi.npy");
   }
   std::size_t rows() const override { return csi_.count(); }
+  std::size_t snapshots() const override { return csi_.snapshots(); }
   std::optional<StreamCsi> read(std::size_t row, std::size_t t, std::size_t receiver) const override {
     if (received_.row(row)[t * kReceivers + receiver] == 0) return std::nullopt;
     constexpr std::size_t kNumbers = kSubcarriers * kAntennas * 2;
@@ -77,12 +84,13 @@ class CardSnapshots : public Snapshots {
   Rows csi_, received_;
 };
 
-/// The channel before any radio: h.npy [20][30][3][3], snapshot, subcarrier, receiver, antenna.
+/// The channel before any radio: h.npy [T][30][3][3], snapshot, subcarrier, receiver, antenna.
 class ChannelSnapshots : public Snapshots {
  public:
   explicit ChannelSnapshots(const fs::path& folder)
-      : ChannelSnapshots(folder, "<c8", {kSamples, kSubcarriers, kReceivers, kAntennas}) {}
+      : ChannelSnapshots(folder, "<c8", {kSubcarriers, kReceivers, kAntennas}) {}
   std::size_t rows() const override { return h_.count(); }
+  std::size_t snapshots() const override { return h_.snapshots(); }
   std::optional<StreamCsi> read(std::size_t row, std::size_t t, std::size_t receiver) const override {
     StreamCsi h;
     for (std::size_t k = 0; k < kSubcarriers; ++k)
@@ -119,7 +127,7 @@ class ChannelSnapshots : public Snapshots {
 class HalfSnapshots final : public ChannelSnapshots {
  public:
   explicit HalfSnapshots(const fs::path& folder)
-      : ChannelSnapshots(folder, "<f2", {kSamples, kSubcarriers, kReceivers, kAntennas, 2}),
+      : ChannelSnapshots(folder, "<f2", {kSubcarriers, kReceivers, kAntennas, 2}),
         rms_(read_npy<float>(folder / "h_rms.npy")) {
     if (rms_.shape != NpyShape{rows()})
       refuse(folder / "h_rms.npy", "has not one number for each row of h.npy");
@@ -192,15 +200,18 @@ std::map<std::uint8_t, std::string> room_names(const nlohmann::json& plan) {
 class SimulatedSet final : public DataSet {
  public:
   SimulatedSet(const fs::path& folder, const std::string& split)
-      : folder_(folder), split_(split), plan_(read_plan(folder)), wanted_(clips_of(plan_, folder, split)) {
-    about_ = {"simulated", fs::exists(folder / "labels.npy"), room_names(plan_)};
+      : folder_(folder),
+        split_(split),
+        plan_(read_plan(folder)),
+        wanted_(clips_of(plan_, folder, split)),
+        snapshots_(open_snapshots(folder)) {
+    about_ = {"simulated", fs::exists(folder / "labels.npy"), room_names(plan_), snapshots_->snapshots()};
   }
   const SetAbout& about() const override { return about_; }
 
   LeftOut read(const WindowSink& sink, const Warn&) const override {
     const double grid_hz = rate_hz(plan_, folder_);
-    const std::unique_ptr<Snapshots> snapshots = open_snapshots(folder_);
-    const std::size_t rows = snapshots->rows();
+    const std::size_t rows = snapshots_->rows();
     const auto clips = array<std::uint32_t>("clip.npy", rows);
     const auto rooms =
         fs::exists(folder_ / "room.npy") ? array<std::uint8_t>("room.npy", rows) : NpyArray<std::uint8_t>{};
@@ -214,7 +225,7 @@ class SimulatedSet final : public DataSet {
     for (std::size_t row = 0; row < rows; ++row) {
       if (row == 0 || clips.data[row] != clips.data[row - 1]) stream.emplace(grid_hz);
       if (!is_wanted(clips.data[row])) continue;
-      const Window& window = next(*stream, *snapshots, row);
+      const Window& window = next(*stream, *snapshots_, row);
       if (!window.links.all()) {
         ++left_out.incomplete;
         continue;
@@ -248,7 +259,8 @@ class SimulatedSet final : public DataSet {
   static const Window& next(SnapshotWindows& stream, const Snapshots& snapshots, std::size_t row) {
     for (std::size_t t = 0; t < kSamples; ++t)
       for (std::uint8_t r = 0; r < kReceivers; ++r)
-        if (const std::optional<StreamCsi> h = snapshots.read(row, t, r)) stream.put(t, r, *h);
+        if (const std::optional<StreamCsi> h = snapshots.read(row, t % snapshots.snapshots(), r))
+          stream.put(t, r, *h);
     return stream.next();
   }
   std::vector<Skeleton> people_of(const NpyArray<float>& labels, std::size_t row) const {
@@ -265,6 +277,7 @@ class SimulatedSet final : public DataSet {
   std::string split_;
   nlohmann::json plan_;
   ClipRuns wanted_;
+  std::unique_ptr<const Snapshots> snapshots_;
   SetAbout about_;
 };
 

@@ -20,9 +20,9 @@ namespace fs = std::filesystem;
 class Parts {
  public:
   explicit Parts(fs::path to) : to_(std::move(to)) {}
-  WindowFolderWriter& of(const std::string& name) {
+  WindowFolderWriter& of(const std::string& name, const SetAbout& about) {
     auto& writer = writers_[name];
-    if (!writer) writer = std::make_unique<WindowFolderWriter>(to_ / name);
+    if (!writer) writer = std::make_unique<WindowFolderWriter>(to_ / name, about.samples);
     return *writer;
   }
   std::vector<SplitPart> finish(const SetAbout& about) {
@@ -99,7 +99,7 @@ std::vector<SplitPart> split_by_lists(const SplitJob& job, const Warn& warn) {
     options.split = name;
     const auto set = open_data_set(job.from, options);
     about = set->about();
-    WindowFolderWriter& writer = parts.of(name);
+    WindowFolderWriter& writer = parts.of(name, about);
     set->read([&](const LabelledWindow& window) { writer.add(window); }, warn);
   }
   return parts.finish(about);
@@ -120,9 +120,9 @@ std::vector<SplitPart> split(const SplitJob& job, const Warn& warn) {
   set->read(
       [&](const LabelledWindow& window) {
         if (job.by != SplitBy::environment)
-          parts.of(drawn.count(i++) > 0 ? "drawn" : "rest").add(window);
+          parts.of(drawn.count(i++) > 0 ? "drawn" : "rest", set->about()).add(window);
         else if (window.room)
-          parts.of(set->about().room_name(*window.room)).add(window);
+          parts.of(set->about().room_name(*window.room), set->about()).add(window);
         else
           refuse(job.from, "has no room.npy: its environments are not known");
       },

@@ -25,8 +25,10 @@ class WindowFolder : public WindowSource {
     const Result<NpyView, std::string> view = parse_npy(file_.bytes());
     if (!view) refuse(folder / "windows.npy", view.error());
     if (view->descr != "<f4" || view->fortran_order || view->shape.size() != 4 ||
-        NpyShape(view->shape.begin() + 1, view->shape.end()) != NpyShape{kChannels, kSamples, kLinks})
-      refuse(folder / "windows.npy", "is no float32 array of shape (n, 60, 20, 9) in C order");
+        view->shape[1] != kChannels || view->shape[2] < 1 || view->shape[2] > kSamples ||
+        view->shape[3] != kLinks)
+      refuse(folder / "windows.npy", "is no float32 array of shape (n, 60, 20 or less, 9) in C order");
+    samples_ = view->shape[2];
     numbers_ = view->data;
     const NpyArray<std::uint32_t> clips = read_npy<std::uint32_t>(folder / "clip.npy");
     if (clips.shape != NpyShape{view->shape[0]})
@@ -43,11 +45,18 @@ class WindowFolder : public WindowSource {
   std::string name() const override {
     return (folder_.has_filename() ? folder_ : folder_.parent_path()).filename().string();
   }
+  std::size_t samples() const override { return samples_; }
   void read(std::size_t i, std::span<float> x) const override {
-    std::memcpy(x.data(), numbers_.data() + i * x.size_bytes(), x.size_bytes());
-    for (const float value : x)
-      if (!std::isfinite(value))
-        refuse(folder_ / "windows.npy", fmt::format("window {} holds a number that is not finite", i));
+    const std::size_t kept = samples_ * kLinks, row = kSamples * kLinks;
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      const std::span<float> channel = x.subspan(c * row, row);
+      std::memcpy(channel.data(), numbers_.data() + (i * kChannels + c) * kept * sizeof(float),
+                  kept * sizeof(float));
+      for (const float value : channel.first(kept))
+        if (!std::isfinite(value))
+          refuse(folder_ / "windows.npy", fmt::format("window {} holds a number that is not finite", i));
+      for (std::size_t at = kept; at < row; ++at) channel[at] = channel[at - kept];
+    }
   }
   std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }
   std::uint64_t clip(std::size_t i) const override { return clips_[i]; }
@@ -74,6 +83,7 @@ class WindowFolder : public WindowSource {
   fs::path folder_;
   MappedFile file_;
   ByteView numbers_;
+  std::size_t samples_ = kSamples;
   std::vector<std::uint32_t> clips_;
   std::vector<std::vector<Skeleton>> people_;
   std::vector<std::uint8_t> rooms_;

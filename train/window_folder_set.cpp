@@ -37,7 +37,9 @@ class WindowFolderSet final : public DataSet {
   explicit WindowFolderSet(const fs::path& folder)
       : about_(read_about(folder)),
         windows_(open_window_folder(folder)),
-        rooms_(read_rooms(folder, windows_->size())) {}
+        rooms_(read_rooms(folder, windows_->size())) {
+    about_.samples = windows_->samples();
+  }
   const SetAbout& about() const override { return about_; }
   LeftOut read(const WindowSink& sink, const Warn&) const override {
     std::vector<float> x(kChannels * kTokens);
@@ -94,12 +96,17 @@ std::unique_ptr<const DataSet> open_window_folder_set(const fs::path& folder) {
   return std::make_unique<WindowFolderSet>(folder);
 }
 
-WindowFolderWriter::WindowFolderWriter(fs::path folder)
+WindowFolderWriter::WindowFolderWriter(fs::path folder, std::size_t samples)
     : folder_(prepared(std::move(folder))),
-      windows_(folder_ / "windows.npy", {kChannels, kSamples, kLinks}) {}
+      samples_(samples),
+      windows_(folder_ / "windows.npy", {kChannels, samples, kLinks}) {}
 
 void WindowFolderWriter::add(const LabelledWindow& window) {
-  windows_.append(window.x);
+  for (std::size_t c = 0; c < kChannels; ++c)
+    kept_.insert(kept_.end(), window.x.begin() + c * kSamples * kLinks,
+                 window.x.begin() + (c * kSamples + samples_) * kLinks);
+  windows_.append(kept_);
+  kept_.clear();
   clips_.push_back(window.clip);
   people_.emplace_back(window.people.begin(), window.people.end());
   if (window.room) rooms_.push_back(*window.room);

@@ -15,9 +15,9 @@ std::unique_ptr<const DataSet> open_window_folder_set(const std::filesystem::pat
 /// what an interrupted one has left.
 class WindowFolderWriter {
  public:
-  /// Makes the folder where it is not there. Throws SetupError (cannot_create): it holds windows already, another
+  /// For windows of which the first `samples` are kept. Makes the folder where it is not there. Throws SetupError (cannot_create): it holds windows already, another
   /// process is writing it, or it cannot be made.
-  explicit WindowFolderWriter(std::filesystem::path folder);
+  explicit WindowFolderWriter(std::filesystem::path folder, std::size_t samples = kSamples);
   /// Throws SetupError (io).
   void add(const LabelledWindow& window);
   /// Throws SetupError (io).
@@ -28,7 +28,9 @@ class WindowFolderWriter {
   void write_labels() const;
 
   std::filesystem::path folder_;
+  std::size_t samples_;
   NpyWriter<float> windows_;
+  std::vector<float> kept_;  ///< of the window at hand
   std::vector<std::uint32_t> clips_;
   std::vector<std::uint8_t> rooms_;
   std::vector<std::vector<Skeleton>> people_;

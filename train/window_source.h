@@ -6,6 +6,7 @@
 #include <string>
 
 #include "proto/pose.h"
+#include "proto/shape.h"
 
 namespace csipose::train {
 
@@ -15,6 +16,8 @@ class WindowSource {
   virtual ~WindowSource() = default;
   virtual std::size_t size() const = 0;
   virtual std::string name() const = 0;
+  /// Snapshots that it keeps of a window; where they are fewer than kSamples, read() repeats them.
+  virtual std::size_t samples() const { return kSamples; }
   /// Writes window i as Window::x, [60][20][9], not normalised.
   virtual void read(std::size_t i, std::span<float> x) const = 0;
   /// Its people in the label frame; empty for a set without labels too.

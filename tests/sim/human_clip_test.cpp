@@ -25,8 +25,8 @@ HumanClip clip_in(const char* room, std::size_t people, std::uint32_t frames) {
 
 TEST(HumanClip, LabelsArePeopleAtTheMiddleOfEachFrame) {
   const HumanClip clip = clip_in("empty", 2, 2);
-  const ClipRows rows = make_human_clip(clip, Storage::half, {}, 3, 300);
-  ASSERT_EQ(rows.size(), human_arrays(Storage::half).size());
+  const ClipRows rows = make_human_clip(clip, {Storage::half}, {}, 3, 300);
+  ASSERT_EQ(rows.size(), human_arrays({Storage::half}).size());
   HumanScene scene(clip.spec, 3, 4, 300);
   MovingScene::Snapshot snapshot;
   std::vector<std::vector<Joints>> people;
@@ -38,7 +38,7 @@ TEST(HumanClip, LabelsArePeopleAtTheMiddleOfEachFrame) {
       for (std::size_t j = 0; j < kJoints; ++j)
         for (int axis = 0; axis < 3; ++axis)
           EXPECT_EQ(labels[((frame * 3 + p) * kJoints + j) * 3 + static_cast<std::size_t>(axis)],
-                    static_cast<float>(people[frame * 20 + kLabelSample][p][j][axis]));
+                    static_cast<float>(people[frame * 20 + label_sample({})][p][j][axis]));
   EXPECT_TRUE(std::isnan(labels[2 * kJoints * 3])) << "there is no third";
   EXPECT_EQ(rows[4], (std::vector<std::uint8_t>{2, 2}));
   EXPECT_EQ(rows[5][2], kNoAction);
@@ -47,8 +47,8 @@ TEST(HumanClip, LabelsArePeopleAtTheMiddleOfEachFrame) {
 
 TEST(HumanClip, HalfPrecisionIsTheChannelOverItsRms) {
   const HumanClip clip = clip_in("empty", 1, 1);
-  const auto exact = numbers<float>(make_human_clip(clip, Storage::channel, {}, 3, 300)[1]);
-  const ClipRows half = make_human_clip(clip, Storage::half, {}, 3, 300);
+  const auto exact = numbers<float>(make_human_clip(clip, {Storage::channel}, {}, 3, 300)[1]);
+  const ClipRows half = make_human_clip(clip, {Storage::half}, {}, 3, 300);
   const auto bits = numbers<std::uint16_t>(half[1]);
   const float rms = numbers<float>(half[2])[0];
   ASSERT_EQ(bits.size(), exact.size());

@@ -75,8 +75,8 @@ std::vector<Window> windows_of_feed(ImpairmentLevel level) {
 
 struct Rows {
   explicit Rows(ImpairmentLevel level) {
-    rows = make_clip(*office_with(2), Storage::records, impairments(level), kSeed, 0, kFrames, kRateHz);
-    const auto arrays = frame_arrays(Storage::records);
+    rows = make_clip(*office_with(2), {}, impairments(level), kSeed, 0, kFrames, kRateHz);
+    const auto arrays = frame_arrays({});
     for (std::size_t i = 0; i < arrays.size(); ++i) {
       if (arrays[i].name == "csi") csi = rows[i].data();
       if (arrays[i].name == "received") received = rows[i].data();

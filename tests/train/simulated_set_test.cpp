@@ -8,6 +8,7 @@
 #include "capture/sanitise.h"
 #include "proto/npy.h"
 #include "train/convert.h"
+#include "train/split.h"
 #include "train/window_folder.h"
 
 namespace csipose::train {
@@ -144,6 +145,36 @@ TEST_F(SimulatedSet, HalvesAndComplexNumbersAreTheSameChannel) {
   EXPECT_EQ(converted().windows, kRows);
   const auto one = open_window_folder(folder_ / "complex"), other = open_window_folder(folder_ / "out");
   for (std::size_t row = 0; row < kRows; ++row) EXPECT_EQ(window(*one, row), window(*other, row));
+}
+
+TEST_F(SimulatedSet, FewSnapshotsOfASceneAreRepeatedToAWindow) {
+  constexpr std::size_t kFew = 3;
+  write();
+  std::vector<std::int8_t> few;
+  for (std::size_t row = 0; row < kRows; ++row) {
+    const auto from = csi_.begin() + static_cast<std::ptrdiff_t>(row * kSamples * kReceivers * kStream);
+    few.insert(few.end(), from, from + static_cast<std::ptrdiff_t>(kFew * kReceivers * kStream));
+  }
+  std::vector<std::uint8_t> received(kRows * kFew * kReceivers, 1);
+  received[(1 * kFew + 1) * kReceivers + 2] = 0;  // of row 1, snapshot 1 by receiver 2
+  write_npy<std::int8_t>(set() / "csi.npy", {kRows, kFew, kReceivers, kSubcarriers, kAntennas, 2}, few);
+  EXPECT_NE(refusal().find("has not as many rows and snapshots"), std::string::npos);
+  write_npy<std::uint8_t>(set() / "received.npy", {kRows, kFew, kReceivers}, received);
+  EXPECT_EQ(converted().windows, kRows);
+  EXPECT_EQ(read_npy<float>(folder_ / "out" / "windows.npy").shape,
+            (NpyShape{kRows, kChannels, kFew, kLinks}));
+  const auto source = open_window_folder(folder_ / "out");
+  EXPECT_EQ(source->samples(), kFew);
+  for (const std::size_t row : {0u, 4u})
+    for (const std::size_t t : {0u, 2u, 3u, 19u})
+      for (std::size_t r = 0; r < kReceivers; ++r)
+        expect_sample(window(*source, row), t, r, csi(row, t % kFew, r));
+  expect_sample(window(*source, 1), 1, 2, csi(1, 0, 2));  // filled
+  expect_sample(window(*source, 1), 4, 2, csi(1, 0, 2));
+  // Parts and copies keep as many.
+  (void)split({folder_ / "out", folder_ / "parts", SplitBy::window, 0.5, 1, {}}, [](const std::string&) {});
+  const auto part = open_window_folder(folder_ / "parts" / "drawn");
+  EXPECT_EQ(part->samples(), kFew);
 }
 
 TEST_F(SimulatedSet, KeepsToASplit) {
