@@ -68,6 +68,17 @@ std::string Pool::describe() const {
   return words;
 }
 
+void Pool::require_samples(std::size_t wanted, std::string_view what) const {
+  for (const auto& source : sources_)
+    if (source->samples() < wanted)
+      throw SetupError(
+          ExitStatus::bad_config,
+          fmt::format(
+              "data set {}: it keeps {} of a window's samples, {} takes {}; leave the set out, or make "
+              "it with --snapshots {}",
+              source->name(), source->samples(), what, wanted, wanted));
+}
+
 void Pool::read(std::size_t i, std::span<float> x) const {
   const auto [source, window] = locate(i);
   sources_[source]->read(window, x);

@@ -31,6 +31,8 @@ class Pool {
   std::string describe() const;
   void read(std::size_t i, std::span<float> x) const;
   std::span<const Skeleton> people(std::size_t i) const;
+  /// Throws SetupError (bad_config): a source keeps fewer samples of its windows than `wanted`; `what` asks for them.
+  void require_samples(std::size_t wanted, std::string_view what) const;
   /// Distinct for clips of different sources.
   std::uint64_t clip(std::size_t i) const;
 

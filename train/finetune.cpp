@@ -340,6 +340,14 @@ class Poses3d : public Objective {
 
 // ---- before the first step ----
 
+/// A window that repeats few samples is as good as a whole one only where no step takes more of them.
+void require_samples(const RunSettings& settings, const Pool& pool) {
+  if (settings.finetune.all_samples_from < 1)
+    pool.require_samples(kSamples, "finetune.all_samples_from below 1");
+  if (settings.finetune.sigma_epochs > 0) pool.require_samples(kSamples, "finetune.sigma_epochs");
+  pool.require_samples(static_cast<std::size_t>(settings.finetune.samples), "finetune.samples");
+}
+
 /// The bias of the proposals' last layer becomes the mean pose of the labels.
 void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::uint64_t> windows) {
   at::Tensor sum = at::zeros({kPoseWidth}, at::kDouble);
@@ -458,6 +466,7 @@ at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
 }
 
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {
+  require_samples(settings, pool);
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   Split split = split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));

@@ -151,6 +151,7 @@ double effective_rank(const at::Tensor& features) {
 }
 
 Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers) {
+  pool.require_samples(kSamples, "pre-training");
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   LoopPlan plan;

@@ -24,6 +24,14 @@ namespace {
 namespace fs = std::filesystem;
 using csipose::testing::MadeUpSet;
 
+/// Windows of one snapshot, repeated.
+class Instants final : public MadeUpSet {
+ public:
+  explicit Instants(std::size_t windows) : MadeUpSet(windows, 1, 1) {}
+  std::string name() const override { return "instants"; }
+  std::size_t samples() const override { return 1; }
+};
+
 /// Never fewer than two people in a window.
 class Crowded : public MadeUpSet {
  public:
@@ -296,6 +304,35 @@ TEST_F(Runs, MostPeopleLeavesCrowdedWindowsOut) {
   settings.run.out = (folder_ / "none").string();
   Pool nobody({std::make_shared<Crowded>(8)});
   EXPECT_THROW(finetune(settings, nobody, Workers()), SetupError);
+}
+
+TEST_F(Runs, WindowsOfFewSamplesAreRefusedWhereAStepTakesMore) {
+  Pool pool({std::make_shared<MadeUpSet>(8, 1, 1), std::make_shared<Instants>(8)});
+  const auto refusal = [&](const RunSettings& settings) {
+    try {
+      (void)finetune(settings, pool, Workers());
+    } catch (const SetupError& error) {
+      return std::string(error.what());
+    }
+    return std::string("none");
+  };
+  RunSettings settings = in("instants");
+  settings.data.hold_out = 0;
+  settings.finetune.sigma_epochs = 0;
+  settings.finetune.samples = 1;
+  settings.finetune.all_samples_from = 1;
+  EXPECT_EQ(refusal(settings), "none");
+  RunSettings more = settings;
+  more.finetune.samples = 2;
+  EXPECT_NE(refusal(more).find("instants: it keeps 1 of a window's samples, finetune.samples takes 2"),
+            std::string::npos);
+  more = settings;
+  more.finetune.all_samples_from = 0.5;
+  EXPECT_NE(refusal(more).find("finetune.all_samples_from below 1 takes 20"), std::string::npos);
+  more = settings;
+  more.finetune.sigma_epochs = 1;
+  EXPECT_NE(refusal(more).find("finetune.sigma_epochs takes 20"), std::string::npos);
+  EXPECT_THROW(pretrain(settings, pool, Workers()), SetupError);
 }
 
 TEST(Pool, IsScaledBySetsOrTogether) {
