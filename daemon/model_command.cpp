@@ -23,7 +23,7 @@ struct InitOptions {
 void init(const InitOptions& options) {
   require_free(options.out, options.force);
   NetworkConfig config = preset_config(options.preset);
-  config.identity_conditioning = !options.parity;
+  config.identity_conditioning = config.query_conditioning = !options.parity;
   const auto heads = options.random_heads ? HeadInit::random : HeadInit::zero;
   write_file_atomically(options.out, random_weights(config, options.seed, heads));
   if (tool_options().quiet) return;

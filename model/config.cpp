@@ -44,9 +44,11 @@ constexpr std::array<SizeField, 10> kSizes = {{{"dim", &NetworkConfig::dim, 4, 4
 struct SwitchField {
   std::string_view key;
   bool NetworkConfig::*member;
+  bool since_later = false;  ///< older files do not have it and mean false; nor is false written
 };
-constexpr std::array<SwitchField, 2> kSwitches = {
+constexpr std::array<SwitchField, 3> kSwitches = {
     {{"identity_conditioning", &NetworkConfig::identity_conditioning},
+     {"query_conditioning", &NetworkConfig::query_conditioning, true},
      {"joint_sigma", &NetworkConfig::joint_sigma}}};
 
 [[noreturn]] void refuse(const std::string& words) { throw SetupError(ExitStatus::bad_data, words); }
@@ -204,19 +206,22 @@ NetworkConfig preset_config(std::string_view name) {
 std::string to_json(const NetworkConfig& config) {
   nlohmann::ordered_json object;
   for (const SizeField& field : kSizes) object[std::string(field.key)] = config.*field.member;
-  for (const SwitchField& field : kSwitches) object[std::string(field.key)] = config.*field.member;
+  for (const SwitchField& field : kSwitches)
+    if (config.*field.member || !field.since_later) object[std::string(field.key)] = config.*field.member;
   return object.dump();
 }
 
 NetworkConfig config_from_json(const std::string& preset, const std::string& json) {
   const nlohmann::json object = nlohmann::json::parse(json, nullptr, /*allow_exceptions=*/false);
   if (!object.is_object()) refuse("config is no JSON object");
-  if (object.size() != kSizes.size() + kSwitches.size())
-    refuse(fmt::format("config has {} entries, not {}", object.size(), kSizes.size() + kSwitches.size()));
+  std::size_t due = kSizes.size();
+  for (const SwitchField& field : kSwitches) due += !field.since_later || object.contains(field.key);
+  if (object.size() != due) refuse(fmt::format("config has {} entries, not {}", object.size(), due));
   NetworkConfig config;
   config.preset = preset;
   for (const SizeField& field : kSizes) config.*field.member = read_size(object, field);
-  for (const SwitchField& field : kSwitches) config.*field.member = read_switch(object, field);
+  for (const SwitchField& field : kSwitches)
+    config.*field.member = (!field.since_later || object.contains(field.key)) && read_switch(object, field);
   check_together(config);
   if (preset == "custom") return config;
   const std::vector<std::string_view> known = preset_names();
@@ -232,6 +237,7 @@ std::vector<TensorSpec> required_tensors(const NetworkConfig& config) {
   add_encoder(list, config);
   list.linear("proj", config.decoder_dim, config.dim);
   list.add("query_embedding.weight", {config.queries, 2 * config.decoder_dim});
+  if (config.query_conditioning) list.linear("query_proposal", config.decoder_dim, 3 * kJoints);
   add_layers(list, "decoder", config.decoder_layers, config);
   add_heads(list, config);
   add_refinement(list, config);

@@ -26,8 +26,9 @@ struct NetworkConfig {
   std::size_t decoder_layers = 0;
   std::size_t refine_layers = 0;  ///< 0: the last decoder layer has the last word
   bool identity_conditioning =
-      true;                  ///< refinement sees which person it refines; off in parity with the paper
-  bool joint_sigma = false;  ///< has the head for the expected error per joint
+      true;                         ///< refinement sees which person it refines; off in parity with the paper
+  bool query_conditioning = false;  ///< queries see the poses they begin from; off in parity with the paper
+  bool joint_sigma = false;         ///< has the head for the expected error per joint
 
   bool operator==(const NetworkConfig&) const = default;
 };

@@ -402,6 +402,8 @@ OneDnnDecoder::OneDnnDecoder(OneDnnContext& context, const Model& model, const N
 void OneDnnDecoder::make_decoder(const TensorMap& tensors) {
   query_position_ = half_of_table(tensors["query_embedding.weight"], 0, 1);
   query_content_ = half_of_table(tensors["query_embedding.weight"], 1, 1);
+  if (config_.query_conditioning)
+    query_proposal_.emplace_back(*context_, whole(tensors, "query_proposal"), LinearPlan{}, "query_proposal");
   for (std::size_t i = 0; i <= config_.decoder_layers; ++i) {
     const std::string cls = fmt::format("cls_branches.{}", i), kpt = fmt::format("kpt_branches.{}.", i);
     class_heads_.emplace_back(*context_, whole(tensors, cls), LinearPlan{}, cls);
@@ -451,6 +453,7 @@ void OneDnnDecoder::prepare(std::size_t tokens) {
     class_heads_[i].prepare(rows);
     pose_heads_[i].prepare(rows);
   }
+  for (Linear& proposal : query_proposal_) proposal.prepare(queries);
   for (DecoderLayer& layer : layers_) layer.prepare({1, queries, tokens});
   attention_.prepare({1, queries, queries});
   attention_.prepare({1, queries, tokens});
@@ -507,10 +510,20 @@ void OneDnnDecoder::start_state(QueryState& state, const std::vector<float>& pos
                   rows);
 }
 
+/// Content of each query, plus the pose that it begins from.
+void OneDnnDecoder::start_queries(std::size_t queries) {
+  const std::size_t numbers = queries * config_.decoder_dim;
+  std::memcpy(state_.values.data(), query_content_.data(), numbers * sizeof(float));
+  for (Linear& proposal : query_proposal_) {
+    proposal.run(poses_.data(), identities_.data(), queries);
+    for (std::size_t i = 0; i < numbers; ++i) state_.values.floats()[i] += identities_.floats()[i];
+  }
+  start_state(state_, query_position_, queries);
+}
+
 void OneDnnDecoder::decode(std::size_t tokens, Probe& probe) {
   const std::size_t queries = queries_for(tokens), width = config_.decoder_dim;
-  std::memcpy(state_.values.data(), query_content_.data(), queries * width * sizeof(float));
-  start_state(state_, query_position_, queries);
+  start_queries(queries);
   for (std::size_t i = 0; i < layers_.size(); ++i) {
     layers_[i].run(state_, query_position_.data(), {1, queries, tokens}, attention_, buffers_);
     class_heads_[i].run(state_.values.data(), logits_.data(), queries);

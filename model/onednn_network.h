@@ -187,6 +187,7 @@ class OneDnnDecoder {
   void select(std::size_t queries, std::size_t given);
   void refine(std::size_t tokens, Probe& probe);
   void start_state(QueryState& state, const std::vector<float>& position, std::size_t rows) const;
+  void start_queries(std::size_t queries);
   void start_refinement(std::size_t given, std::size_t people);
   void make_decoder(const TensorMap& tensors);
   void make_refinement(const TensorMap& tensors);
@@ -203,7 +204,7 @@ class OneDnnDecoder {
   std::vector<Mlp> pose_heads_;      ///< likewise
   std::vector<DecoderLayer> layers_, refine_layers_;
   std::vector<Mlp> refine_heads_;
-  std::vector<Linear> identity_, sigma_;  ///< one or none
+  std::vector<Linear> query_proposal_, identity_, sigma_;  ///< one or none
   Attention attention_;
   QueryState state_, refine_state_;
   DecoderLayer::Buffers buffers_, refine_buffers_;

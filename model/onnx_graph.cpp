@@ -150,6 +150,7 @@ class NetworkGraph {
     Value q = constant_half("query_embedding.weight", queries(), Half::content);
     const Value position = constant_half("query_embedding.weight", queries(), Half::position);
     Value pose = propose(memory), logits;
+    if (config_.query_conditioning) q = graph_.add(q, linear(pose, "query_proposal"));
     for (std::size_t i = 0; i < config_.decoder_layers; ++i) {
       q = decoder_layer(fmt::format("decoder.layers.{}.", i), q, position, memory);
       pose = graph_.add(mlp(q, fmt::format("kpt_branches.{}", i), 6), pose);

@@ -48,7 +48,8 @@ Tensor random_tensor(const TensorSpec& spec, std::uint64_t seed, HeadInit heads)
   Tensor tensor{spec.shape, std::vector<float>(count, 0.f)};
   const std::string_view name = spec.name;
   SeededRandom random(seed, name);
-  const bool zero_layer = is_last_pose_layer(name) || contains(name, "refine_identity");
+  const bool zero_layer =
+      is_last_pose_layer(name) || contains(name, "refine_identity") || contains(name, "query_proposal");
   if (contains(name, "norm") && ends_with(name, ".weight"))
     std::fill(tensor.data.begin(), tensor.data.end(), 1.f);
   else if (zero_layer && heads == HeadInit::zero)

@@ -127,6 +127,7 @@ void run_decoder_layers(const TensorMap& weights, const DecoderShape& shape, con
   const QueryTable table = query_table(weights, "query_embedding.weight", out.topk.size());
   Matrix q = table.content;
   Matrix pose = gather(out.enc_kpt, out.topk);
+  if (shape.query_conditioning) q = add(linear(pose, weights, "query_proposal"), q);
   for (std::size_t i = 0; i < shape.decoder_layers; ++i) {
     q = decoder_layer(weights, fmt::format("decoder.layers.{}.", i), shape.heads, std::move(q),
                       table.position, memory);

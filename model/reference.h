@@ -77,6 +77,7 @@ struct DecoderShape {
   std::size_t heads, decoder_layers, refine_layers;
   bool identity_conditioning;
   bool joint_sigma;
+  bool query_conditioning = false;
 };
 struct DecoderOutput {
   Matrix enc_cls;                 ///< [N][1] class logit of each memory row as a proposal
@@ -92,7 +93,7 @@ struct DecoderOutput {
 /// not a number comes after all numbers.
 std::vector<std::size_t> top_rows(const Matrix& scores, std::size_t count);
 /// Memory [N][E] to poses. With fewer than Q rows of memory the N first queries run, for a query needs a
-/// proposal. Without identity conditioning the refinement is the same for all queries and is done once.
+/// proposal, and with query conditioning sees its pose. Without identity conditioning the refinement is the same for all queries and is done once.
 DecoderOutput decode(const TensorMap& weights, const DecoderShape& shape, const Matrix& memory);
 
 }  // namespace csipose::reference

@@ -26,8 +26,8 @@ class ReferenceEngine final : public Engine {
     const reference::EncoderOutput encoded = reference::encode(
         model_->tensors(), "encoder.", {c.dim, c.depth, c.heads}, normalised_tokens(x, links), visible);
     const Matrix memory = reference::linear(encoded.tokens, model_->tensors(), "proj");
-    const reference::DecoderShape shape = {c.decoder_heads, c.decoder_layers, c.refine_layers,
-                                           c.identity_conditioning, c.joint_sigma};
+    const reference::DecoderShape shape = {c.decoder_heads,         c.decoder_layers, c.refine_layers,
+                                           c.identity_conditioning, c.joint_sigma,    c.query_conditioning};
     const reference::DecoderOutput decoded = reference::decode(model_->tensors(), shape, memory);
     keep(encoded, visible, memory);
     keep(decoded);

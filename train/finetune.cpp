@@ -112,6 +112,7 @@ TokenList tokens_of(std::vector<std::size_t> samples, const LinkSet& links) {
 NetworkConfig network_of(const RunSettings& settings) {
   NetworkConfig config = preset_config(settings.network.preset);
   config.identity_conditioning = settings.network.identity_conditioning;
+  config.query_conditioning = settings.network.query_conditioning;
   config.joint_sigma = config.identity_conditioning && settings.finetune.sigma_epochs > 0;
   return config;
 }

@@ -222,6 +222,7 @@ Decoded decode(const Parameters& weights, const DecoderShape& shape, const at::T
   const at::Tensor position = table[0];
   at::Tensor q = table[1].expand({memory.size(0), 1, queries, memory.size(2)});
   at::Tensor pose = gather_rows(out.enc_kpt.detach(), out.topk);
+  if (shape.query_conditioning) q = q + linear(weights, "query_proposal", pose, {at::kFloat, 0}).unsqueeze(1);
   for (std::size_t i = 0; i < shape.decoder_layers; ++i) {
     q = decoder_layer(weights, fmt::format("decoder.layers.{}.", i), shape.heads, q, position, memory,
                       numerics);
@@ -264,7 +265,8 @@ at::Tensor joint_sigma_m(const Parameters& weights, const at::Tensor& state) {
 
 EncoderShape encoder_shape(const NetworkConfig& config) { return {config.dim, config.depth, config.heads}; }
 DecoderShape decoder_shape(const NetworkConfig& config) {
-  return {config.decoder_heads, config.decoder_layers, config.refine_layers, config.identity_conditioning};
+  return {config.decoder_heads, config.decoder_layers, config.refine_layers, config.identity_conditioning,
+          config.query_conditioning};
 }
 
 Poses infer(const Parameters& weights, const NetworkConfig& config, const at::Tensor& tokens,

@@ -64,6 +64,7 @@ void follow(const Parameters& targets, const std::string& target, const Paramete
 struct DecoderShape {
   std::size_t heads = 0, decoder_layers = 0, refine_layers = 0;
   bool identity_conditioning = true;
+  bool query_conditioning = false;
 };
 
 struct Decoded {
@@ -77,7 +78,7 @@ struct Decoded {
 };
 /// Memory (B, N, E) to poses. With fewer than Q tokens the first N queries run. `share` of the samples were encoded: each
 /// token stands for 1 / share of them that would propose nearly the same, so query q begins from the proposal of rank
-/// floor(share q), as it would with all samples.
+/// floor(share q), as it would with all samples; with query conditioning it sees its pose.
 Decoded decode(const Parameters& weights, const DecoderShape& shape, const at::Tensor& memory,
                const Numerics& numerics, double share = 1);
 

@@ -125,6 +125,7 @@ class Jepa : public Objective {
 Weights initial_weights(const RunSettings& settings, const Pool& pool, const Numerics& numerics) {
   NetworkConfig config = preset_config(settings.network.preset);
   config.identity_conditioning = settings.network.identity_conditioning;
+  config.query_conditioning = settings.network.query_conditioning;
   const auto seed = static_cast<std::uint64_t>(settings.run.seed);
   Weights weights = untrained_weights(config, seed);
   weights.parameters.merge(initial_predictor(predictor_shape(settings.network.preset), config.dim, seed));

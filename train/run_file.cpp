@@ -61,13 +61,19 @@ const std::vector<Key>& keys() {
        0,
        {},
        "the refinement sees which person it refines"},
+      {"network.query_conditioning",
+       FIELD(network.query_conditioning),
+       0,
+       0,
+       {},
+       "each query of the decoder sees the pose it begins from"},
       {"network.parity",
        FIELD(network.parity),
        0,
        0,
        {},
-       "as the paper and its sources in everything that they leave open: identity_conditioning and "
-       "proposal_bias off"},
+       "as the paper and its sources in everything that they leave open: both kinds of conditioning "
+       "and proposal_bias off"},
       {"network.init",
        FIELD(network.init),
        0,
@@ -390,7 +396,7 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
   reader.refuse_if_wrong();
   if (reader.settings.network.parity) {
     reader.settings.network.init = "fixed";
-    reader.settings.network.identity_conditioning = false;
+    reader.settings.network.identity_conditioning = reader.settings.network.query_conditioning = false;
     reader.settings.finetune.proposal_bias = false;
     reader.settings.finetune.ordered = reader.settings.finetune.map = 0;
   }

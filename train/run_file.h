@@ -25,6 +25,7 @@ struct RunSettings {
   struct {
     std::string preset = "small";
     bool identity_conditioning = true;
+    bool query_conditioning = true;
     bool parity = false;
     std::string init = "fan_in";
   } network;

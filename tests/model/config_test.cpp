@@ -73,7 +73,18 @@ TEST(Config, JsonRoundTrip) {
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     config.identity_conditioning = false;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
+    config.query_conditioning = true;
+    EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
   }
+}
+
+TEST(Config, FilesFromBeforeQueryConditioningAreWithoutIt) {
+  const std::string before = to_json(preset_config("micro"));
+  EXPECT_EQ(before.find("query_conditioning"), std::string::npos);
+  EXPECT_FALSE(config_from_json("micro", before).query_conditioning);
+  const std::string off = replaced(before, "\"joint_sigma\"", "\"query_conditioning\":false,\"joint_sigma\"");
+  EXPECT_FALSE(config_from_json("micro", off).query_conditioning);
+  EXPECT_NE(refusal("micro", replaced(off, "conditioning\":false", "conditioning\":0")), "");
 }
 
 TEST(Config, RefusesWhatIsNoNetwork) {

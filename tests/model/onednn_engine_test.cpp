@@ -118,6 +118,14 @@ TEST(OneDnnEngine, ParityFormRefinesOnceForAll) {
   expect_equal_stages(model_of("tiny", /*identity=*/false), all_links());
 }
 
+TEST(OneDnnEngine, QueriesThatSeeTheirProposals) {
+  NetworkConfig config = preset_config("micro");
+  config.query_conditioning = true;
+  const auto model = init_random(config, 7, HeadInit::random);
+  expect_equal_stages(model, all_links());
+  expect_equal_stages(model, LinkSet(0b111000111));
+}
+
 TEST(OneDnnEngine, WithoutRefinementTheLastDecoderLayerHasTheLastWord) {
   NetworkConfig config = preset_config("micro");
   config.preset = "custom";

@@ -70,10 +70,12 @@ void expect_same(const Model& model, std::shared_ptr<const Model> owner, const s
     ASSERT_NEAR(named.data[i], static_cast<double>(encoded[i]), 1e-5) << i;
 }
 
-NetworkConfig micro(bool identity, std::size_t decoder_layers, std::size_t refine_layers) {
+NetworkConfig micro(bool identity, std::size_t decoder_layers, std::size_t refine_layers,
+                    bool query_conditioning = false) {
   NetworkConfig config = preset_config("micro");
   config.preset = "custom";
   config.identity_conditioning = identity;
+  config.query_conditioning = query_conditioning;
   config.decoder_layers = decoder_layers;
   config.refine_layers = refine_layers;
   return config;
@@ -81,7 +83,8 @@ NetworkConfig micro(bool identity, std::size_t decoder_layers, std::size_t refin
 
 // The graph, by the description of its operators, against the network in plain loops.
 TEST(OnnxGraph, ComputesTheNetwork) {
-  for (const NetworkConfig& config : {micro(true, 2, 2), micro(false, 1, 1), micro(false, 1, 0)}) {
+  for (const NetworkConfig& config : {micro(true, 2, 2), micro(false, 1, 1), micro(false, 1, 0),
+                                      micro(true, 2, 1, /*query_conditioning=*/true)}) {
     const auto model = scaled_model(config);
     expect_same(*model, model, window());
   }

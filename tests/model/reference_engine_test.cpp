@@ -135,6 +135,17 @@ TEST(ReferenceEngine, ZeroIdentityWeightsAreParity) {
   EXPECT_EQ(copy(a->run(input(1), all_links()).poses), copy(b->run(input(1), all_links()).poses));
 }
 
+TEST(ReferenceEngine, QueriesThatSeeTheirProposalsAnswerOtherwise) {
+  NetworkConfig config = preset_config("micro");
+  config.query_conditioning = true;
+  const auto poses = [](const NetworkConfig& of, HeadInit heads) {
+    return copy(make_reference_engine(init_random(of, 5, heads))->run(input(1), all_links()).poses);
+  };
+  EXPECT_EQ(poses(config, HeadInit::zero), poses(preset_config("micro"), HeadInit::zero))
+      << "weights of 0 say nothing";
+  EXPECT_NE(poses(config, HeadInit::random), poses(preset_config("micro"), HeadInit::random));
+}
+
 TEST(ReferenceEngine, SigmaIsAboveAMillimetreAndOnlyThereWithItsHead) {
   EXPECT_TRUE(make_reference_engine(micro())->run(input(1), all_links()).sigma_m.empty());
   const auto engine = make_reference_engine(micro(true, true));

@@ -164,9 +164,10 @@ TEST(Decoder, IsTheGoldenOne) {
 
 // ---- the engines of the daemon ----
 
-NetworkConfig micro(bool conditioned, bool sigma) {
+NetworkConfig micro(bool conditioned, bool sigma, bool queries = false) {
   NetworkConfig config = preset_config("micro");
   config.identity_conditioning = conditioned;
+  config.query_conditioning = queries;
   config.joint_sigma = sigma;
   return config;
 }
@@ -184,7 +185,7 @@ Answer answer(const NetworkConfig& config, const Parameters& weights, const at::
       encode(weights, "encoder.", {config.dim, config.depth, config.heads}, tokens_of(window),
              at::tensor(visible, at::kLong).unsqueeze(0), numerics);
   const DecoderShape shape{config.decoder_heads, config.decoder_layers, config.refine_layers,
-                           config.identity_conditioning};
+                           config.identity_conditioning, config.query_conditioning};
   const Decoded decoded = decode(weights, shape, memory_of(weights, features, numerics), numerics);
   const std::int64_t queries = decoded.topk.size(1);
   const Refined refined = refine(weights, shape, decoded, at::arange(queries).unsqueeze(0), numerics);
@@ -212,7 +213,8 @@ void expect_parity(const std::shared_ptr<const Model>& model, Engine& engine, Li
 }
 
 TEST(Parity, EnginesOfTheDaemonGiveTheSamePoses) {
-  for (const NetworkConfig& config : {micro(true, true), micro(false, false)}) {
+  for (const NetworkConfig& config :
+       {micro(true, true), micro(false, false), micro(true, true, /*queries=*/true)}) {
     const auto model = init_random(config, 11, HeadInit::random);
     OneDnnOptions options;
     options.precision = Precision::f32;
