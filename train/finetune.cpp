@@ -349,6 +349,15 @@ void require_samples(const RunSettings& settings, const Pool& pool) {
   pool.require_samples(static_cast<std::size_t>(settings.finetune.samples), "finetune.samples");
 }
 
+void scale(Pool& pool, const Split& split, const RunSettings& settings) {
+  if (settings.data.norm == "none") return;
+  if (settings.data.norm != "init") return pool.measure_scaling(split.train, scaled_by(settings.data.norm));
+  if (settings.finetune.init.empty())
+    throw SetupError(ExitStatus::bad_config,
+                     "data.norm = \"init\" takes the scaling of finetune.init, which names no file");
+  pool.set_scaling(Model::load(settings.finetune.init)->normalisation());
+}
+
 /// The bias of the proposals' last layer becomes the mean pose of the labels.
 void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::uint64_t> windows) {
   at::Tensor sum = at::zeros({kPoseWidth}, at::kDouble);
@@ -486,7 +495,7 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
                 static_cast<std::uint64_t>(settings.finetune.batch)};
   if (network_of(settings).joint_sigma)
     plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
-  if (settings.data.norm != "none") pool.measure_scaling(split.train, scaled_by(settings.data.norm));
+  scale(pool, split, settings);
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
   Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics);

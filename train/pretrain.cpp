@@ -153,6 +153,9 @@ double effective_rank(const at::Tensor& features) {
 
 Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers) {
   pool.require_samples(kSamples, "pre-training");
+  if (settings.data.norm == "init")
+    throw SetupError(ExitStatus::bad_config,
+                     "data.norm = \"init\" is for fine-tuning: pre-training begins from nothing");
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   LoopPlan plan;

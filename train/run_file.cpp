@@ -105,10 +105,10 @@ const std::vector<Key>& keys() {
        FIELD(data.norm),
        0,
        0,
-       {"corpus", "pooled", "background", "none"},
+       {"corpus", "pooled", "background", "init", "none"},
        "corpus: amplitude to mean 0 and deviation 1, phase to deviation 1, measured on each data set; "
        "pooled: on all of them together; background: each channel of each link by its mean and deviation in "
-       "the window's installation; none: raw"},
+       "the window's installation; init: as finetune.init was; none: raw"},
 
       {"pretrain.mask",
        FIELD(pretrain.mask),

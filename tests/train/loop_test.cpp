@@ -306,6 +306,26 @@ TEST_F(Runs, MostPeopleLeavesCrowdedWindowsOut) {
   EXPECT_THROW(finetune(settings, nobody, Workers()), SetupError);
 }
 
+TEST_F(Runs, ARunThatGoesOnFromWeightsMayKeepTheirScaling) {
+  Pool first = made_up(16);
+  RunSettings settings = in("first");
+  settings.data.hold_out = 0;
+  settings.data.norm = "corpus";
+  finetune(settings, first, Workers());
+  settings.finetune.init = (folder_ / "first/last.safetensors").string();
+  settings.run.out = (folder_ / "second").string();
+  settings.data.norm = "init";
+  Pool louder({std::make_shared<Louder>(16)});
+  finetune(settings, louder, Workers());
+  EXPECT_EQ(louder.scaling()[0].amp_std, first.scaling()[0].amp_std);
+  const auto model = Model::load(folder_ / "second/last.safetensors");
+  EXPECT_EQ(model->normalisation().amp_mean, first.scaling()[0].amp_mean);
+  settings.finetune.init.clear();
+  settings.run.out = (folder_ / "third").string();
+  EXPECT_THROW(finetune(settings, louder, Workers()), SetupError);
+  EXPECT_THROW(pretrain(settings, louder, Workers()), SetupError);
+}
+
 TEST_F(Runs, WindowsOfFewSamplesAreRefusedWhereAStepTakesMore) {
   Pool pool({std::make_shared<MadeUpSet>(8, 1, 1), std::make_shared<Instants>(8)});
   const auto refusal = [&](const RunSettings& settings) {
