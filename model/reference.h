@@ -93,7 +93,8 @@ struct DecoderOutput {
 /// not a number comes after all numbers.
 std::vector<std::size_t> top_rows(const Matrix& scores, std::size_t count);
 /// Memory [N][E] to poses. With fewer than Q rows of memory the N first queries run, for a query needs a
-/// proposal, and with query conditioning sees its pose. Without identity conditioning the refinement is the same for all queries and is done once.
+/// proposal, and with query conditioning sees its pose. Without identity conditioning the refinement is the same for all
+/// queries and is done once.
 DecoderOutput decode(const TensorMap& weights, const DecoderShape& shape, const Matrix& memory);
 
 }  // namespace csipose::reference

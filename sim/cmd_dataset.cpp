@@ -83,7 +83,7 @@ std::map<std::string, std::string> made_by(const char* generator, const DatasetO
 void make_dataset(const DatasetPlan& plan, unsigned threads,
                   const std::function<ClipRows(std::uint32_t)>& make) {
   // Each clip takes a copy of its room's solver; without this glibc gives its pages back to the kernel after every one: a
-  // fifth of the time where a clip is one snapshot.
+  // quarter of the time where a clip is one snapshot.
   ::mallopt(M_MMAP_THRESHOLD, INT_MAX);
   ::mallopt(M_TRIM_THRESHOLD, INT_MAX);
   Dataset dataset(plan);
