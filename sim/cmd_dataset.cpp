@@ -45,16 +45,20 @@ struct SimPiwOptions : DatasetOptions {
   bool small = false;
 };
 
-/// One line on stderr: what is done, how fast, how long still. Rewritten in a terminal, every tenth clip elsewhere.
+/// One line on stderr: what is done, how fast, how long still. Rewritten in a terminal; elsewhere a line
+/// every ten seconds.
 class Progress {
+  static constexpr double kLineEvery_s = 10;
+
  public:
   explicit Progress(const DatasetPlan& plan)
       : frames_(std::accumulate(plan.clip_frames.begin(), plan.clip_frames.end(), std::uint64_t{0})) {}
   void operator()(std::uint32_t done, std::uint32_t clips) {
     ++made_;
     const bool terminal = ::isatty(STDERR_FILENO) != 0;
-    if (!terminal && done % 10 != 0 && done != clips) return;
     const double elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
+    if (!terminal && elapsed_s < next_line_s_ && done != clips) return;
+    next_line_s_ = elapsed_s + kLineEvery_s;
     const double clips_per_s = made_ / elapsed_s;
     fmt::print(stderr, "{}clip {} of {}, {:.0f} frames/s, {:.0f} s left{}", terminal ? "\r\x1b[K" : "", done,
                clips, clips_per_s * static_cast<double>(frames_) / clips, (clips - done) / clips_per_s,
@@ -64,7 +68,7 @@ class Progress {
  private:
   std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   std::uint64_t frames_;
-  double made_ = 0;
+  double made_ = 0, next_line_s_ = 0;
 };
 
 std::map<std::string, std::string> made_by(const char* generator, const DatasetOptions& options) {
