@@ -159,7 +159,8 @@ class Poses3d : public Objective {
         recipe_(settings),
         shape_(decoder_shape(weights_.config)),
         loss_weights_{settings.finetune.cls, settings.finetune.kpt, settings.finetune.refine,
-                      settings.finetune.error == "distance" ? PoseError::distance : PoseError::squared},
+                      settings.finetune.error == "distance" ? PoseError::distance : PoseError::squared,
+                      settings.finetune.root_relative},
         optimiser_(groups_of(weights_.parameters, settings)) {
     if (settings.finetune.map > 0) grid_ = floor_of(pool, split.train);
     const auto memory = nlohmann::json::parse(weights_.metadata["progress"], nullptr, false);

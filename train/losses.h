@@ -31,6 +31,8 @@ enum class PoseError { squared, distance };
 struct SetLossWeights {
   double cls = 4, kpt = 70, refine = 70;
   PoseError error = PoseError::squared;
+  double root_relative =
+      0;  ///< of the same errors of the joints as seen from their root, of the pose's own root: how one stands
 };
 
 /// Costs (B, Q, M) of giving person m to query q: focal class cost plus 70 |pose - label| / 28.
@@ -46,6 +48,9 @@ at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches);
 /// Error of the matched rows of kpt (B, Q, 42), summed over their joints.
 at::Tensor pose_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
                           PoseError error);
+/// That, and weights.root_relative times the same after both poses were moved to have their roots (roots_of) at the origin.
+at::Tensor pose_loss_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
+                         const SetLossWeights& weights);
 
 /// The loss of a batch and its parts, each weighted.
 struct SetLoss {

@@ -177,6 +177,12 @@ const std::vector<Key>& keys() {
        0,
        {"squared", "distance"},
        "of a joint in the pose losses: squared, as published, or the distance that the figures report"},
+      {"finetune.root_relative",
+       FIELD(finetune.root_relative),
+       0,
+       1e6,
+       {},
+       "weight, as a share of the pose losses', of the same errors as seen from each pose's root; 0: none"},
       {"finetune.ordered",
        FIELD(finetune.ordered),
        0,
@@ -398,7 +404,8 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
     reader.settings.network.init = "fixed";
     reader.settings.network.identity_conditioning = reader.settings.network.query_conditioning = false;
     reader.settings.finetune.proposal_bias = false;
-    reader.settings.finetune.ordered = reader.settings.finetune.map = 0;
+    reader.settings.finetune.ordered = reader.settings.finetune.map = reader.settings.finetune.root_relative =
+        0;
   }
   const auto& finetune = reader.settings.finetune;
   if (finetune.encoder_only &&

@@ -328,6 +328,31 @@ TEST(SetLoss, ErrorsOfAPoseThatIsOffByTheSameEverywhere) {
   EXPECT_TRUE(exact.grad().isfinite().all().item<bool>());
 }
 
+TEST(SetLoss, WhatIsOffAboutTheRootCountsApart) {
+  const People people{at::zeros({1, 1, 42}), {1}};
+  const Matches first{{0}, {0}, {0}};
+  SetLossWeights weights;
+  weights.error = PoseError::distance;
+  weights.root_relative = 0.5;
+  at::Tensor moved = at::zeros({1, 1, 42});
+  moved[0][0].view({14, 3}).copy_(
+      at::tensor({2.f, 3.f, 6.f}));  // all of one by 7 m: as it should be about its root
+  EXPECT_NEAR(pose_loss_sum(moved, first, people, weights).item<double>(), 14 * 7, 0.02);
+  at::Tensor arm = at::zeros({1, 1, 42});
+  arm[0][0][3 * 10] = 0.4f;  // a hand, 0.4 m along x: it counts half again
+  EXPECT_NEAR(pose_loss_sum(arm, first, people, weights).item<double>(), 1.5 * 0.4, 0.03);
+  at::Tensor hips = at::zeros({1, 1, 42});
+  for (const std::size_t hip : {kLeftHip, kRightHip}) hips[0][0][static_cast<std::int64_t>(3 * hip)] = 0.1f;
+  // The root went with the hips: seen from it, the twelve others are off.
+  EXPECT_NEAR(pose_loss_sum(hips, first, people, weights).item<double>(), 2 * 0.1 + 0.5 * 12 * 0.1, 0.03);
+  weights.root_relative = 0;
+  EXPECT_EQ(pose_loss_sum(hips, first, people, weights).item<double>(),
+            pose_error_sum(hips, first, people, PoseError::distance).item<double>());
+  weights.error = PoseError::squared;
+  weights.root_relative = 2;
+  EXPECT_NEAR(pose_loss_sum(hips, first, people, weights).item<double>(), 2 * 0.01 + 2 * 12 * 0.01, 1e-6);
+}
+
 TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
   People nobody{at::zeros({2, 0, 42}), {0, 0}};
   const at::Tensor logits = at::full({2, 8, 1}, -4.f), poses = at::zeros({2, 8, 42});
