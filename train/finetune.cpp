@@ -398,6 +398,13 @@ void take_over(Weights& weights, const RunSettings& settings) {
     throw SetupError(
         ExitStatus::bad_config,
         fmt::format("{} (finetune.init) has no '{}'; it was not made by pretrain", path.string(), source));
+  const auto theirs = from.metadata.find("corpus");
+  if (theirs != from.metadata.end()) weights.metadata["corpus"] = theirs->second;
+}
+
+/// What weights have learnt from: what those learnt from that they began with, then this.
+std::string corpus_after(const std::string& before, const std::string& now) {
+  return before.empty() || before == now ? now : before + "; then " + now;
 }
 
 /// Fewest links that the network will have been trained with.
@@ -431,7 +438,7 @@ Weights initial_weights(const RunSettings& settings, const Pool& pool, const Spl
   set_normalisation(weights, pool.scaling().front());
   weights.metadata["stage"] = "finetuned";
   weights.metadata["git"] = CSIPOSE_COMMIT;
-  weights.metadata["corpus"] = pool.describe();
+  weights.metadata["corpus"] = corpus_after(weights.metadata["corpus"], pool.describe());
   weights.metadata["run"] = to_toml(settings, false);
   weights.metadata["numerics"] = numerics.matmul == at::kBFloat16 ? "bf16" : "f32";
   weights.metadata["min_links"] = std::to_string(min_links(settings));

@@ -315,11 +315,12 @@ TEST_F(Runs, ARunThatGoesOnFromWeightsMayKeepTheirScaling) {
   settings.finetune.init = (folder_ / "first/last.safetensors").string();
   settings.run.out = (folder_ / "second").string();
   settings.data.norm = "init";
-  Pool louder({std::make_shared<Louder>(16)});
+  Pool louder({std::make_shared<Louder>(24)});
   finetune(settings, louder, Workers());
   EXPECT_EQ(louder.scaling()[0].amp_std, first.scaling()[0].amp_std);
   const auto model = Model::load(folder_ / "second/last.safetensors");
   EXPECT_EQ(model->normalisation().amp_mean, first.scaling()[0].amp_mean);
+  EXPECT_EQ(model->provenance().corpus, "made-up (16); then made-up (24)");
   settings.finetune.init.clear();
   settings.run.out = (folder_ / "third").string();
   EXPECT_THROW(finetune(settings, louder, Workers()), SetupError);
