@@ -53,7 +53,7 @@ at::Tensor chosen_queries(const Matches& matches, std::int64_t windows, std::vec
 void add_layer(SetLoss& loss, const at::Tensor& cls, const at::Tensor& kpt, const Matches& matches,
                const People& people, const SetLossWeights& weights, double matched) {
   loss.cls = loss.cls + weights.cls * focal_sum(cls, matches) / class_divisor(matched);
-  loss.kpt = loss.kpt + weights.kpt * pose_loss_sum(kpt, matches, people, weights) / pose_divisor(matched);
+  loss.kpt = loss.kpt + weights.kpt * pose_error_sum(kpt, matches, people, weights) / pose_divisor(matched);
 }
 
 /// The first `there` people of poses (M, 42) by the first coordinate of their roots.
@@ -133,14 +133,7 @@ at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches) {
 }
 
 at::Tensor pose_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
-                          PoseError error) {
-  if (matches.size() == 0) return 0 * kpt.sum();
-  return error_sum(
-      rows(kpt, matches.window, matches.query) - rows(people.poses, matches.window, matches.person), error);
-}
-
-at::Tensor pose_loss_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
-                         const SetLossWeights& weights) {
+                          const SetLossWeights& weights) {
   if (matches.size() == 0) return 0 * kpt.sum();
   const at::Tensor off =
       rows(kpt, matches.window, matches.query) - rows(people.poses, matches.window, matches.person);
@@ -166,7 +159,7 @@ SetLoss set_loss(const Parameters& parameters, const DecoderShape& shape, const 
     const RefinedMatches found = refine_matches(parameters, shape, decoded, loss.last, numerics);
     const Matches placed{loss.last.window, found.slot, loss.last.person};
     for (const at::Tensor& pose : found.refined.pose)
-      loss.refine = loss.refine + weights.refine * pose_loss_sum(pose, placed, people, weights) / divisor;
+      loss.refine = loss.refine + weights.refine * pose_error_sum(pose, placed, people, weights) / divisor;
   }
   loss.total = loss.cls + loss.kpt + loss.refine;
   return loss;
@@ -193,7 +186,7 @@ at::Tensor ordered_loss(const Parameters& parameters, const at::Tensor& features
   }
   const at::Tensor logits = answer.narrow(2, kPoseWidth, 1), poses = answer.narrow(2, 0, kPoseWidth);
   return weights.cls * focal_sum(logits, matches) / class_divisor(matched) +
-         weights.kpt * pose_loss_sum(poses, matches, people, weights) / pose_divisor(matched);
+         weights.kpt * pose_error_sum(poses, matches, people, weights) / pose_divisor(matched);
 }
 
 FloorGrid FloorGrid::around(const at::Tensor& roots) {

@@ -31,8 +31,8 @@ enum class PoseError { squared, distance };
 struct SetLossWeights {
   double cls = 4, kpt = 70, refine = 70;
   PoseError error = PoseError::squared;
-  double root_relative =
-      0;  ///< of the same errors of the joints as seen from their root, of the pose's own root: how one stands
+  /// Weight of the same errors as seen from each pose's own root: how somebody stands, wherever.
+  double root_relative = 0;
 };
 
 /// Costs (B, Q, M) of giving person m to query q: focal class cost plus 70 |pose - label| / 28.
@@ -45,12 +45,10 @@ Matches match(const at::Tensor& cls, const at::Tensor& kpt, const People& people
 
 /// Sigmoid focal loss (alpha 0.25, gamma 2) over all queries (B, Q, 1), summed.
 at::Tensor focal_sum(const at::Tensor& cls, const Matches& matches);
-/// Error of the matched rows of kpt (B, Q, 42), summed over their joints.
+/// Error of the matched rows of kpt (B, Q, 42), summed over their joints, as weights.error has it; and
+/// weights.root_relative times the same after both poses were moved to have their roots (roots_of) at the origin.
 at::Tensor pose_error_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
-                          PoseError error);
-/// That, and weights.root_relative times the same after both poses were moved to have their roots (roots_of) at the origin.
-at::Tensor pose_loss_sum(const at::Tensor& kpt, const Matches& matches, const People& people,
-                         const SetLossWeights& weights);
+                          const SetLossWeights& weights);
 
 /// The loss of a batch and its parts, each weighted.
 struct SetLoss {

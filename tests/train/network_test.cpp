@@ -291,8 +291,7 @@ TEST(SetLoss, LossesAreTheGoldenOnes) {
   const Matches matches = match(set.logits, set.kpts, set.people, {});
   const double people = static_cast<double>(matches.size());
   const double cls = 4 * focal_sum(set.logits, matches).item<double>() / people;
-  const double kpt =
-      70 * pose_error_sum(set.kpts, matches, set.people, PoseError::squared).item<double>() / (42 * people);
+  const double kpt = 70 * pose_error_sum(set.kpts, matches, set.people, {}).item<double>() / (42 * people);
   EXPECT_NEAR(cls, set.expected["loss_cls"].get<double>(), 1e-5 * cls);
   EXPECT_NEAR(kpt, set.expected["loss_kpt"].get<double>(), 1e-5 * kpt);
 }
@@ -311,20 +310,22 @@ TEST(Decoder, ATokenStandsForThoseThatWereLeftOut) {
   EXPECT_GT(difference(decode(weights, shape, one, kPlain).kpt[0], all.kpt[0]), 0.1);
 }
 
+constexpr SetLossWeights kDistance{.error = PoseError::distance};
+
 TEST(SetLoss, ErrorsOfAPoseThatIsOffByTheSameEverywhere) {
   const People people{at::zeros({1, 1, 42}), {1}};
   const Matches first{{0}, {1}, {0}};
   at::Tensor kpt = at::zeros({1, 2, 42});
   kpt[0][1].view({14, 3}).copy_(at::tensor({2.f, 3.f, 6.f}));  // 7 m
-  EXPECT_NEAR(pose_error_sum(kpt, first, people, PoseError::squared).item<double>(), 14 * 49, 1e-3);
+  EXPECT_NEAR(pose_error_sum(kpt, first, people, {}).item<double>(), 14 * 49, 1e-3);
   kpt.requires_grad_(true);
-  const at::Tensor distance = pose_error_sum(kpt, first, people, PoseError::distance);
+  const at::Tensor distance = pose_error_sum(kpt, first, people, kDistance);
   EXPECT_NEAR(distance.item<double>(), 14 * 7, 1e-3);
   distance.backward();
   EXPECT_NEAR(kpt.grad()[0][1][41].item<double>(), 6. / 7, 1e-5);  // the direction, however far
   EXPECT_EQ(kpt.grad()[0][0].abs().sum().item<double>(), 0);
   at::Tensor exact = at::zeros({1, 2, 42}).requires_grad_(true);
-  pose_error_sum(exact, first, people, PoseError::distance).backward();
+  pose_error_sum(exact, first, people, kDistance).backward();
   EXPECT_TRUE(exact.grad().isfinite().all().item<bool>());
 }
 
@@ -337,20 +338,20 @@ TEST(SetLoss, WhatIsOffAboutTheRootCountsApart) {
   at::Tensor moved = at::zeros({1, 1, 42});
   moved[0][0].view({14, 3}).copy_(
       at::tensor({2.f, 3.f, 6.f}));  // all of one by 7 m: as it should be about its root
-  EXPECT_NEAR(pose_loss_sum(moved, first, people, weights).item<double>(), 14 * 7, 0.02);
+  EXPECT_NEAR(pose_error_sum(moved, first, people, weights).item<double>(), 14 * 7, 0.02);
   at::Tensor arm = at::zeros({1, 1, 42});
   arm[0][0][3 * 10] = 0.4f;  // a hand, 0.4 m along x: it counts half again
-  EXPECT_NEAR(pose_loss_sum(arm, first, people, weights).item<double>(), 1.5 * 0.4, 0.03);
+  EXPECT_NEAR(pose_error_sum(arm, first, people, weights).item<double>(), 1.5 * 0.4, 0.03);
   at::Tensor hips = at::zeros({1, 1, 42});
   for (const std::size_t hip : {kLeftHip, kRightHip}) hips[0][0][static_cast<std::int64_t>(3 * hip)] = 0.1f;
   // The root went with the hips: seen from it, the twelve others are off.
-  EXPECT_NEAR(pose_loss_sum(hips, first, people, weights).item<double>(), 2 * 0.1 + 0.5 * 12 * 0.1, 0.03);
+  EXPECT_NEAR(pose_error_sum(hips, first, people, weights).item<double>(), 2 * 0.1 + 0.5 * 12 * 0.1, 0.03);
   weights.root_relative = 0;
-  EXPECT_EQ(pose_loss_sum(hips, first, people, weights).item<double>(),
-            pose_error_sum(hips, first, people, PoseError::distance).item<double>());
+  EXPECT_EQ(pose_error_sum(hips, first, people, weights).item<double>(),
+            pose_error_sum(hips, first, people, kDistance).item<double>());
   weights.error = PoseError::squared;
   weights.root_relative = 2;
-  EXPECT_NEAR(pose_loss_sum(hips, first, people, weights).item<double>(), 2 * 0.01 + 2 * 12 * 0.01, 1e-6);
+  EXPECT_NEAR(pose_error_sum(hips, first, people, weights).item<double>(), 2 * 0.01 + 2 * 12 * 0.01, 1e-6);
 }
 
 TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
@@ -358,7 +359,7 @@ TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
   const at::Tensor logits = at::full({2, 8, 1}, -4.f), poses = at::zeros({2, 8, 42});
   const Matches matches = match(logits, poses, nobody, {});
   EXPECT_EQ(matches.size(), 0u);
-  EXPECT_EQ(pose_error_sum(poses, matches, nobody, PoseError::distance).item<double>(), 0);
+  EXPECT_EQ(pose_error_sum(poses, matches, nobody, kDistance).item<double>(), 0);
   EXPECT_GT(focal_sum(logits, matches).item<double>(), 0);
 }
 
