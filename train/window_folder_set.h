@@ -16,8 +16,7 @@ std::unique_ptr<const DataSet> open_window_folder_set(const std::filesystem::pat
 class WindowFolderWriter {
  public:
   /// For windows of which the first `samples` are kept. Makes the folder where it is not there. Throws SetupError
-  /// (cannot_create): it holds windows already, another
-  /// process is writing it, or it cannot be made.
+  /// (cannot_create): it holds windows already, another process is writing it, or it cannot be made.
   explicit WindowFolderWriter(std::filesystem::path folder, std::size_t samples = kSamples);
   /// Throws SetupError (io).
   void add(const LabelledWindow& window);
