@@ -87,6 +87,12 @@ void add_convert(CLI::App& dataset) {
   CLI::App* command = dataset.add_subcommand("convert", "a data set or a recording to a folder of windows");
   add_source_options(*command, *job);
   command->add_option("--out", job->to, "folder of windows, made when it is not there")->required();
+  command
+      ->add_option("--installation", job->installation,
+                   "all of it was received in this installation (a room, its receivers, their last powering "
+                   "up), which gives it a "
+                   "background of its own")
+      ->type_name("NAME");
   command->callback([job] { run_convert(*job); });
 }
 

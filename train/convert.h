@@ -8,6 +8,8 @@ namespace csipose::train {
 struct ConvertJob {
   std::filesystem::path from, to;
   DataSetOptions options;
+  std::string
+      installation{};  ///< where all of it was received, in place of its rooms; empty: as the set says
 };
 struct Converted {
   std::string kind;  ///< of what it was made
@@ -16,7 +18,8 @@ struct Converted {
   LeftOut left_out;
 };
 /// An interrupted run leaves no windows.npy, and the next one begins anew.
-///   throws  SetupError: as open_data_set() and WindowFolderWriter, a set that is a folder of windows already
+///   throws  SetupError: as open_data_set() and WindowFolderWriter, a set that is a folder of windows already, one of several rooms that is
+///           to be of one installation
 Converted convert(const ConvertJob& job, const Warn& warn);
 
 }  // namespace csipose::train

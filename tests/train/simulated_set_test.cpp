@@ -99,6 +99,19 @@ TEST_F(SimulatedSet, EveryNumberInItsPlace) {
   EXPECT_EQ(source->people(4)[1][2].y, 4 * 126 + 42 + 7);
 }
 
+TEST_F(SimulatedSet, IsOfTheInstallationThatIsNamed) {
+  write();
+  const auto convert_as = [&](const std::string& installation) {
+    return convert({set(), folder_ / "out", {}, installation}, [](const std::string&) {});
+  };
+  EXPECT_EQ(convert_as("hall, second powering up").windows, kRows);
+  const auto source = open_window_folder(folder_ / "out");
+  for (std::size_t i = 0; i < kRows; ++i) EXPECT_EQ(source->room(i), "hall, second powering up");
+  EXPECT_THROW(convert_as("up/down"), SetupError);
+  write_npy<std::uint8_t>(set() / "room.npy", {kRows}, std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1});
+  EXPECT_THROW(convert_as("hall"), SetupError) << "of two rooms";
+}
+
 TEST_F(SimulatedSet, FillsFromTheRowBeforeButNotFromAnotherClip) {
   lose(1, 0, 2), lose(1, 1, 2);                 // filled from the last snapshot of row 0
   lose(3, 0, 2);                                // nothing before it in its clip
