@@ -408,6 +408,10 @@ std::vector<std::uint8_t> with_background(const SafetensorsFile& file, const Bac
     *known = background;
   else
     all.push_back(background);
+  return with_backgrounds(file, all);
+}
+
+std::vector<std::uint8_t> with_backgrounds(const SafetensorsFile& file, const std::vector<Background>& all) {
   if (all.size() > kMostBackgrounds)
     throw SetupError(ExitStatus::bad_data, fmt::format("{} has {} backgrounds, more it cannot have",
                                                        file.name(), kMostBackgrounds));

@@ -147,5 +147,7 @@ std::vector<std::uint8_t> with_confidences(const SafetensorsFile& file, const Ca
 /// The file with this background in place of the one of its name, or beside those it has. Throws SetupError (bad_data): it has
 /// too many.
 std::vector<std::uint8_t> with_background(const SafetensorsFile& file, const Background& background);
+/// The file with these backgrounds, at least one, and no others.
+std::vector<std::uint8_t> with_backgrounds(const SafetensorsFile& file, const std::vector<Background>& all);
 
 }  // namespace csipose

@@ -3,6 +3,8 @@
 
 #include <CLI/CLI.hpp>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "model/model.h"
 #include "train/commands.h"
@@ -13,13 +15,20 @@ namespace csipose::train {
 void add_pack(CLI::App& app) {
   struct Options {
     std::string model, out;
+    std::vector<std::string> installations;
   };
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("pack", "a trained file as it ships: float16, nothing for training");
   command->add_option("--model", options->model, "weights, .safetensors")->required();
   command->add_option("--out", options->out, "file to write, replaced in one step")->required();
+  command
+      ->add_option("--installations", options->installations,
+                   "of its backgrounds only those of these; all that it learnt in otherwise")
+      ->type_name("NAME");
   command->callback([options] {
-    const std::vector<std::uint8_t> bytes = pack_for_shipping(SafetensorsFile::read(options->model), {});
+    SafetensorsFile file = SafetensorsFile::read(options->model);
+    if (!options->installations.empty()) file = knowing_only(file, options->installations);
+    const std::vector<std::uint8_t> bytes = pack_for_shipping(file, {});
     const auto model =
         Model::from(SafetensorsFile::parse(bytes, options->out));  // what cannot be read does not ship
     write_file_atomically(options->out, bytes);

@@ -2,9 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <glm/gtc/packing.hpp>
 
+#include "model/model.h"
 #include "proto/result.h"
 
 namespace csipose::train {
@@ -51,6 +53,24 @@ std::vector<std::uint8_t> pack_for_shipping(const SafetensorsFile& file,
     metadata.erase(only_while_training);
   for (const auto& [key, value] : extra) metadata[key] = value;
   return pack_safetensors(std::move(metadata), views);
+}
+
+SafetensorsFile knowing_only(const SafetensorsFile& file, const std::vector<std::string>& installations) {
+  const auto model = Model::from(file);
+  const std::vector<Background>& known = model->normalisation().backgrounds;
+  std::vector<Background> kept;
+  for (const std::string& name : installations) {
+    const auto found = std::ranges::find(known, name, &Background::name);
+    if (found == known.end()) {
+      std::vector<std::string> names;
+      for (const Background& background : known) names.push_back(background.name);
+      throw SetupError(ExitStatus::usage,
+                       fmt::format("{} knows no installation '{}'; it knows {}", file.name(), name,
+                                   names.empty() ? "none" : fmt::to_string(fmt::join(names, "; "))));
+    }
+    kept.push_back(*found);
+  }
+  return SafetensorsFile::parse(with_backgrounds(file, kept), file.name());
 }
 
 }  // namespace csipose::train

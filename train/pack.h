@@ -15,5 +15,8 @@ namespace csipose::train {
 /// SetupError (bad_data): weights that large are no weights.
 std::vector<std::uint8_t> pack_for_shipping(const SafetensorsFile& file,
                                             const std::map<std::string, std::string>& extra);
+/// The file with the backgrounds of these installations and no others: the fewer it knows, the surer it is to see that it knows none.
+/// Throws SetupError (usage): one of them is not known, and which are.
+SafetensorsFile knowing_only(const SafetensorsFile& file, const std::vector<std::string>& installations);
 
 }  // namespace csipose::train

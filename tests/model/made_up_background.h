@@ -44,8 +44,7 @@ inline std::vector<float> window_before(const Background& background, std::uint6
 /// The weights of a file with these backgrounds added.
 inline std::shared_ptr<const Model> with_backgrounds(std::vector<std::uint8_t> bytes,
                                                      const std::vector<Background>& backgrounds) {
-  for (const Background& background : backgrounds)
-    bytes = with_background(SafetensorsFile::parse(bytes, "plain"), background);
+  bytes = csipose::with_backgrounds(SafetensorsFile::parse(bytes, "plain"), backgrounds);
   return Model::from(SafetensorsFile::parse(bytes, "with backgrounds"));
 }
 

@@ -7,6 +7,7 @@
 
 #include "model/config.h"
 #include "proto/npy.h"
+#include "tests/model/made_up_background.h"
 #include "train/pack.h"
 #include "train/report_differences.h"
 
@@ -206,6 +207,26 @@ TEST(Pack, KeepsTheNetworkToFloat16AndDropsWhatOnlyTrainingNeeds) {
       ASSERT_NEAR(half[i], full[i], std::ldexp(std::fabs(full[i]), -11) + 6e-8) << tensor.name;
   }
   EXPECT_NO_THROW(Model::from(packed));
+}
+
+TEST(Pack, KnowsOnlyTheInstallationsThatAreNamed) {
+  const auto file = SafetensorsFile::parse(
+      with_backgrounds(
+          SafetensorsFile::parse(random_weights(preset_config("micro"), 4, HeadInit::random), "plain"),
+          {testing::made_up_background("den", 1), testing::made_up_background("hall", 2),
+           testing::made_up_background("loft", 3)}),
+      "three");
+  const auto model = Model::from(knowing_only(file, {"loft", "den"}));
+  const auto& kept = model->normalisation().backgrounds;
+  ASSERT_EQ(kept.size(), 2u);
+  EXPECT_EQ(kept[0].mean, testing::made_up_background("loft", 3).mean);
+  EXPECT_EQ(kept[1].name, "den");
+  try {
+    (void)knowing_only(file, {"attic"});
+    FAIL();
+  } catch (const SetupError& error) {
+    EXPECT_STREQ(error.what(), "three knows no installation 'attic'; it knows den; hall; loft");
+  }
 }
 
 TEST(Pack, RefusesWhatFloat16HasNot) {
