@@ -202,23 +202,23 @@ class ModelReader {
   void read_normalisation() {
     model_->normalisation_ = {
         scalar("norm.amp_mean"), positive_scalar("norm.amp_std"), positive_scalar("norm.ph_std"), {}};
-    if (file_.find("norm.background_mean") || file_.find("norm.background_std")) read_backgrounds();
+    if (file_.find("norm.background_response") || file_.find("norm.background_deviation")) read_backgrounds();
   }
 
   void read_backgrounds() {
     const json names = json::parse(metadata("backgrounds"), nullptr, false);
     if (!names.is_array() || names.empty() || names.size() > kMostBackgrounds)
       refuse(fmt::format("its metadata 'backgrounds' is no list of 1 to {} names", kMostBackgrounds));
-    const Tensor mean = tensor("norm.background_mean", {names.size(), kChannels, kLinks});
-    const Tensor deviation = tensor("norm.background_std", {names.size(), kChannels, kLinks});
+    const Tensor response = tensor("norm.background_response", {names.size(), kChannels, kLinks});
+    const Tensor deviation = tensor("norm.background_deviation", {names.size(), kChannels, kLinks});
     if (!(*std::min_element(deviation.data.begin(), deviation.data.end()) > 0))
-      refuse("'norm.background_std' has a number not above zero");
+      refuse("'norm.background_deviation' has a number not above zero");
     for (std::size_t i = 0; i < names.size(); ++i) {
       if (!names[i].is_string()) refuse("its metadata 'backgrounds' holds something that is no name");
       Background& background = model_->normalisation_.backgrounds.emplace_back();
       background.name = names[i].get<std::string>();
       const auto first = static_cast<std::ptrdiff_t>(i * kElements);
-      std::copy_n(mean.data.begin() + first, kElements, background.mean.begin());
+      std::copy_n(response.data.begin() + first, kElements, background.response.begin());
       std::copy_n(deviation.data.begin() + first, kElements, background.deviation.begin());
     }
   }
@@ -417,15 +417,15 @@ std::vector<std::uint8_t> with_backgrounds(const SafetensorsFile& file, const st
                                                        file.name(), kMostBackgrounds));
   std::vector<TensorView> tensors =
       tensors_without(file, [](std::string_view name) { return starts_with(name, "norm.background_"); });
-  std::vector<float> mean, deviation;
+  std::vector<float> response, deviation;
   json names = json::array();
   for (const Background& one : all) {
-    mean.insert(mean.end(), one.mean.begin(), one.mean.end());
+    response.insert(response.end(), one.response.begin(), one.response.end());
     deviation.insert(deviation.end(), one.deviation.begin(), one.deviation.end());
     names.push_back(one.name);
   }
   for (const auto& [name, numbers] :
-       {std::pair("norm.background_mean", &mean), std::pair("norm.background_std", &deviation)})
+       {std::pair("norm.background_response", &response), std::pair("norm.background_deviation", &deviation)})
     tensors.push_back({name,
                        DType::f32,
                        {all.size(), kChannels, kLinks},

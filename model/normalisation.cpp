@@ -1,52 +1,160 @@
 #include "model/normalisation.h"
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <complex>
 
 namespace csipose {
 namespace {
 
-float from_background(const Background& background, std::size_t element, float value) {
-  const float difference = value - background.mean[element];
-  return (element < kFirstPhase ? difference : wrapped(difference)) / background.deviation[element];
+using Complex = std::complex<float>;
+using Sample = std::array<float, kElements>;
+
+/// exp(-i slope (n - 14.5)).
+std::array<Complex, kSubcarriers> line(float slope) {
+  std::array<Complex, kSubcarriers> turns;
+  const Complex step = std::polar(1.f, -slope);
+  Complex turn = std::polar(1.f, slope * kMiddleSubcarrier);
+  for (Complex& it : turns) {
+    it = turn;
+    turn *= step;
+  }
+  return turns;
 }
 
-/// [c * 9 + l] of the differences of each of a window's samples from its first one, averaged, and added to that: phases may
-/// lie on both sides of the cut.
-std::array<float, kElements> mean_over_time(std::span<const float> x) {
-  std::array<float, kElements> mean;
-  for (std::size_t c = 0; c < kChannels; ++c)
-    for (std::size_t l = 0; l < kLinks; ++l) {
-      const float* samples = &x[c * kTokens + l];
-      float sum = 0;
-      for (std::size_t t = 0; t < kSamples; ++t) {
-        const float difference = samples[t * kLinks] - samples[0];
-        sum += c < kSubcarriers ? difference : wrapped(difference);
-      }
-      const float value = samples[0] + sum / static_cast<float>(kSamples);
-      mean[c * kLinks + l] = c < kSubcarriers ? value : wrapped(value);
+/// sum c exp(-i slope (n - 14.5)), and the same of c (n - 14.5) and of c (n - 14.5)^2.
+struct LineSums {
+  Complex sum, first, second;
+};
+LineSums sums_along(const std::array<Complex, kSubcarriers>& c, float slope) {
+  LineSums out;
+  const auto turns = line(slope);
+  for (std::size_t n = 0; n < kSubcarriers; ++n) {
+    const Complex turned = c[n] * turns[n];
+    const float from_middle = static_cast<float>(n) - kMiddleSubcarrier;
+    out.sum += turned;
+    out.first += turned * from_middle;
+    out.second += turned * (from_middle * from_middle);
+  }
+  return out;
+}
+
+/// The slope at which |sum c exp(-i slope (n - 14.5))| is largest: the best of a grid, then Newton's steps.
+float steepest(const std::array<Complex, kSubcarriers>& c) {
+  static const auto kLines = [] {
+    std::array<std::array<Complex, kSubcarriers>, kSlopes> lines;
+    for (std::size_t i = 0; i < kSlopes; ++i) lines[i] = line(slope_of(i));
+    return lines;
+  }();
+  std::size_t best = 0;
+  float most = -1;
+  for (std::size_t i = 0; i < kSlopes; ++i) {
+    float re = 0, im = 0;
+    for (std::size_t n = 0; n < kSubcarriers; ++n) {
+      re += c[n].real() * kLines[i][n].real() - c[n].imag() * kLines[i][n].imag();
+      im += c[n].real() * kLines[i][n].imag() + c[n].imag() * kLines[i][n].real();
     }
-  return mean;
+    const float power = re * re + im * im;
+    if (power > most) most = power, best = i;
+  }
+  float slope = slope_of(best);
+  for (int i = 0; i < kNewtonSteps; ++i) {
+    const LineSums s = sums_along(c, slope);
+    const float rise = (std::conj(s.sum) * s.first).imag();  // half the derivative of |sum|^2
+    const float bend = std::norm(s.first) - (std::conj(s.sum) * s.second).real();
+    if (bend < 0) slope -= std::clamp(rise / bend, -kSlopeStep / 2, kSlopeStep / 2);
+  }
+  return slope;
+}
+
+void depart(const Background& background, std::span<const float> sample, LinkSet links, std::size_t receiver,
+            Sample& out) {
+  std::array<std::array<Complex, kSubcarriers>, kAntennas> turned;  // by the background's phase
+  std::array<Complex, kSubcarriers> weighed{};
+  float power = 0;
+  for (std::size_t a = 0; a < kAntennas; ++a) {
+    const std::size_t link = receiver * kAntennas + a;
+    if (!links[link]) continue;
+    for (std::size_t n = 0; n < kSubcarriers; ++n) {
+      const std::size_t e = n * kLinks + link;
+      const float phase = sample[kFirstPhase + e] - background.response[kFirstPhase + e];
+      turned[a][n] = {sample[e] * std::cos(phase), sample[e] * std::sin(phase)};
+      weighed[n] += background.response[e] * turned[a][n];
+      power += sample[e] * sample[e];
+    }
+  }
+  const float slope = steepest(weighed);
+  const Complex sum = sums_along(weighed, slope).sum;
+  const Complex scale = power > 0 ? std::conj(sum) / power : 0;  // g exp(-i a), as |sum| = g power
+  const auto turns = line(slope);
+  for (std::size_t a = 0; a < kAntennas; ++a) {
+    const std::size_t link = receiver * kAntennas + a;
+    if (!links[link]) continue;
+    for (std::size_t n = 0; n < kSubcarriers; ++n) {
+      const std::size_t e = n * kLinks + link;
+      const Complex over = turned[a][n] * turns[n] * scale;
+      out[e] = over.real() - background.response[e];
+      out[kFirstPhase + e] = over.imag();
+    }
+  }
+}
+
+/// Sample t of a window, [c * 9 + l].
+Sample sample_of(std::span<const float> x, std::size_t t) {
+  Sample sample;
+  for (std::size_t c = 0; c < kChannels; ++c)
+    std::copy_n(&x[c * kTokens + t * kLinks], kLinks, &sample[c * kLinks]);
+  return sample;
+}
+
+void write_scaled(const Normalisation& normalisation, const Sample& sample, LinkSet links, float* token) {
+  for (std::size_t link = 0; link < kLinks; ++link) {
+    if (!links[link]) continue;
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      const float value = sample[c * kLinks + link];
+      *token++ = c < kSubcarriers ? (value - normalisation.amp_mean) / normalisation.amp_std
+                                  : value / normalisation.ph_std;
+    }
+  }
+}
+
+void write_departures(const Background& background, const Sample& sample, LinkSet links, float* token) {
+  const Sample departed = departures(background, sample, links);
+  for (std::size_t link = 0; link < kLinks; ++link) {
+    if (!links[link]) continue;
+    for (std::size_t e = link; e < kElements; e += kLinks) *token++ = departed[e] / background.deviation[e];
+  }
 }
 
 }  // namespace
+
+std::array<float, kElements> departures(const Background& background, std::span<const float> sample,
+                                        LinkSet links) {
+  assert(sample.size() == kElements);
+  Sample out{};
+  for (std::size_t receiver = 0; receiver < kReceivers; ++receiver)
+    depart(background, sample, links, receiver, out);
+  return out;
+}
 
 NearestBackground nearest_background(const std::vector<Background>& backgrounds, std::span<const float> x,
                                      LinkSet links) {
   assert(x.size() == kChannels * kTokens && links.any());
   if (backgrounds.empty()) return {};
-  const std::array<float, kElements> mean = mean_over_time(x);
+  const Sample middle = sample_of(x, kSamples / 2);
   NearestBackground nearest;
   double least = HUGE_VAL;
   for (const Background& background : backgrounds) {
-    double squares = 0, logarithms = 0;
+    const Sample departed = departures(background, middle, links);
+    double squares = 0, surprise = 0;
     for (std::size_t e = 0; e < kElements; ++e) {
       if (!links[e % kLinks]) continue;
-      const double z = static_cast<double>(from_background(background, e, mean[e]));
-      squares += z * z;
-      logarithms += std::log(static_cast<double>(background.deviation[e]));
+      const auto deviation = static_cast<double>(background.deviation[e]);
+      const double square = std::pow(static_cast<double>(departed[e]) / deviation, 2);
+      squares += square;
+      surprise += kTailShape * std::log1p(square / kFreedom) + std::log(deviation);
     }
-    const double surprise = squares / 2 + logarithms;
     if (nearest.background != nullptr && !(surprise < least)) continue;
     least = surprise;
     nearest = {&background, squares / static_cast<double>(kChannels * links.count())};
@@ -56,21 +164,19 @@ NearestBackground nearest_background(const std::vector<Background>& backgrounds,
 
 void write_tokens(const Normalisation& normalisation, const Background* background, std::span<const float> x,
                   LinkSet links, std::span<float> tokens) {
-  assert(tokens.size() == kChannels * kSamples * links.count());
-  std::size_t row = 0;
-  for (std::size_t i = 0; i < kTokens; ++i) {
-    const std::size_t link = i % kLinks;
-    if (!links[link]) continue;
-    float* token = &tokens[row++ * kChannels];
-    for (std::size_t c = 0; c < kChannels; ++c) {
-      const float value = x[c * kTokens + i];
-      if (background != nullptr)
-        token[c] = from_background(*background, c * kLinks + link, value);
-      else if (c < kSubcarriers)
-        token[c] = (value - normalisation.amp_mean) / normalisation.amp_std;
-      else
-        token[c] = value / normalisation.ph_std;
-    }
+  const std::size_t numbers = kChannels * links.count();  // of a sample
+  assert(tokens.size() == kSamples * numbers);
+  Sample before{};
+  for (std::size_t t = 0; t < kSamples; ++t) {
+    const Sample sample = sample_of(x, t);
+    float* token = &tokens[t * numbers];
+    if (t > 0 && sample == before)  // sets that keep few samples of a window repeat them
+      std::copy_n(token - numbers, numbers, token);
+    else if (background != nullptr)
+      write_departures(*background, sample, links, token);
+    else
+      write_scaled(normalisation, sample, links, token);
+    before = sample;
   }
 }
 

@@ -1,10 +1,10 @@
 // model/normalisation.h - a window's numbers as the network is given them.
 //
 // Two ways. By three scalars: (amplitude - mean) / deviation and phase / deviation, alike for all channels and links. Or
-// against a background: what an installation (a room, its receivers, and the phases between their antennas, which each
-// powering up of the cards leaves otherwise) shows on average. For people who are weak beside the static paths, deviations of amplitude and phase from it are,
-// to first order, the two components of what people add, turned by the static path; so what the cards contribute to either
-// falls out.
+// against a background: the response that an installation (a room, its receivers, and the gains and phases of their branches,
+// which each powering up of the cards leaves otherwise) shows on average. A sample's channel response H is brought over
+// that of the background, B, receiver by receiver; what is left, turned by B's phase, is what people add to the static paths.
+// In the complex plane people add up, however strong they are beside those paths, and the branches' phases and gains fall out.
 #pragma once
 
 #include <array>
@@ -21,12 +21,31 @@ inline constexpr std::size_t kFirstPhase =
     kSubcarriers * kLinks;                            // of the elements; amplitudes come before it
 inline constexpr std::size_t kMostBackgrounds = 256;  // of a weights file
 
-/// Mean and deviation of each channel of each link, [c * 9 + l]: amplitudes as in Window::x, phases in radians, their mean on
-/// the circle.
+/// Of each channel of each link, [c * 9 + l]. What goes by subcarrier and link as two numbers, in phase with the response and
+/// across it, has the first in the place of the amplitude and the second in that of the phase.
 struct Background {
-  std::string name;  ///< of the installation; for people
-  std::array<float, kElements> mean{}, deviation{};
+  std::string name;                          ///< of the installation; for people
+  std::array<float, kElements> response{};   ///< amplitudes as in Window::x, phases in radians
+  std::array<float, kElements> deviation{};  ///< root mean square of the departures, in phase and across
 };
+
+/// How a sample departs from the response: g H exp(-i (a + b (n - 14.5))) exp(-i arg B) - |B| for the subcarriers n = 0 .. 29,
+/// the real part in phase and the imaginary part across. a and b, of a receiver, make |sum H conj(B) exp(-i ..)| over its
+/// present links largest, b within +-0.475 rad (a whole turn that cleaning put into the middle of three antennas makes a slope of
+/// 0.31); g then makes the squares of the departures least. So the phase line of the packet, its power and its cleaning fall out: it
+/// does not matter where phases were unwrapped. `sample` is [c * 9 + l]; elements of links that are not there are 0. Costs
+/// 3 x 24 x 30 complex multiplications and 270 sines and cosines.
+std::array<float, kElements> departures(const Background& background, std::span<const float> sample,
+                                        LinkSet links);
+
+// How b is looked for: the best of a grid around 0, closer than half the width of the peak that a line of 30 subcarriers has, then
+// Newton's steps, each of at most half of the grid's.
+inline constexpr std::size_t kSlopes = 19;
+inline constexpr float kSlopeStep = 0.05f;  ///< radians from one subcarrier to the next
+inline constexpr int kNewtonSteps = 2;
+inline constexpr float kMiddleSubcarrier = (kSubcarriers - 1) / 2.f;
+/// Of the grid.
+constexpr float slope_of(std::size_t i) { return (static_cast<float>(i) - (kSlopes - 1) / 2.f) * kSlopeStep; }
 
 /// Applied by the engines, not by the caller.
 struct Normalisation {
@@ -34,14 +53,17 @@ struct Normalisation {
   std::vector<Background> backgrounds{};  ///< not empty: the scalars are not used
 };
 
-/// The background of which the window (Window::x) is likeliest to come, and how unlike it the window is.
+/// The background of which the window's middle sample is likeliest to come, and how unlike it that is.
 struct NearestBackground {
   const Background* background = nullptr;
-  /// Mean square of the deviations of the window's mean over time, in units of the background's: about 1 where it fits.
+  /// Mean square of the departures, in units of the background's deviations: about 1 where it fits.
   double unlikeness = 0;
 };
-/// Elements of the links `links` taken as independent and normal. Of no background: nullptr. Costs 60 x 20 x 9 additions and
-/// 60 x 9 steps for each background.
+// Somebody close to a link makes departures many times the usual: elements are taken as independent and of Student's t with three
+// degrees of freedom, whose density falls as (1 + z^2 / 3)^-2.
+inline constexpr double kFreedom = 3, kTailShape = (kFreedom + 1) / 2;
+/// Elements of the links `links` only. Of no background: nullptr. Costs departures() of one sample for
+/// each background.
 NearestBackground nearest_background(const std::vector<Background>& backgrounds, std::span<const float> x,
                                      LinkSet links);
 
@@ -49,12 +71,5 @@ NearestBackground nearest_background(const std::vector<Background>& backgrounds,
 /// scalars when it is nullptr.
 void write_tokens(const Normalisation& normalisation, const Background* background, std::span<const float> x,
                   LinkSet links, std::span<float> tokens);
-
-/// phase, brought to [-pi, pi] by whole turns; |phase| < 3 pi.
-inline float wrapped(float phase) {
-  constexpr float kTurn = 6.2831853f, kHalf = 3.1415927f;
-  if (phase > kHalf) return phase - kTurn;
-  return phase < -kHalf ? phase + kTurn : phase;
-}
 
 }  // namespace csipose

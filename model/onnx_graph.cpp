@@ -69,6 +69,8 @@ class Graph {
     made.add_output(output);
     return made;
   }
+  /// Operators so far: makes a name its own.
+  int size() const { return proto_.node_size(); }
   /// An operator without attributes, under a name that says only what it is unless one is given.
   Value apply(const char* operation, std::initializer_list<Value> inputs, Shape shape,
               std::string name = {}) {
@@ -248,61 +250,179 @@ class NetworkGraph {
     return graph_.apply("Div", {centred, graph_.constant("norm.std", by_channel, deviation)}, csi.shape);
   }
 
-  /// nearest_background() and what it is for, with all links.
+  // Against backgrounds, with all links: departures() of all samples from the one that is nearest_background().
+  // Shapes are [backgrounds or 1][subcarriers][samples][receivers][antennas]; what lies along a line of phase has the
+  // subcarriers last.
+
+  /// A complex number in two values.
+  struct Pair {
+    Value re, im;
+  };
+  Value product(const Value& a, const Value& b, const Shape& shape) {
+    return graph_.apply("Mul", {a, b}, shape);
+  }
+  Value difference(const Value& a, const Value& b, const Shape& shape) {
+    return graph_.apply("Sub", {a, b}, shape);
+  }
+  Value squared(const Value& x) { return product(x, x, x.shape); }
+  Value power(const Pair& x) { return graph_.add(squared(x.re), squared(x.im)); }
+  /// a b, of the shape of a.
+  Pair product(const Pair& a, const Pair& b) {
+    const Shape& shape = a.re.shape;
+    return {difference(product(a.re, b.re, shape), product(a.im, b.im, shape), shape),
+            graph_.add(product(a.re, b.im, shape), product(a.im, b.re, shape))};
+  }
+  Value sum_over(const Value& x, const Shape& axes) {
+    Shape shape = x.shape;
+    for (const std::int64_t axis : axes) shape[static_cast<std::size_t>(axis)] = 1;
+    return graph_.apply("ReduceSum", {x, graph_.integers(axes)}, shape);
+  }
+  /// The axes of subcarriers and antennas against each other.
+  Pair turned_over(const Pair& x) {
+    return {graph_.transpose(x.re, {0, 4, 2, 3, 1}), graph_.transpose(x.im, {0, 4, 2, 3, 1})};
+  }
+  /// exp(-i slope (n - 14.5)): slope [..][1] to [..][30].
+  Pair line(const Value& slope) {
+    const Value angle = product(slope, from_middle(), last_replaced(slope.shape, kSubcarriers));
+    return {graph_.apply("Cos", {angle}, angle.shape),
+            graph_.apply("Neg", {graph_.apply("Sin", {angle}, angle.shape)}, angle.shape)};
+  }
+  Value from_middle() {
+    if (!from_middle_) {
+      std::vector<float> numbers(kSubcarriers);
+      for (std::size_t n = 0; n < kSubcarriers; ++n) numbers[n] = static_cast<float>(n) - kMiddleSubcarrier;
+      from_middle_ = graph_.constant("subcarriers_from_middle", {kSubcarriers}, numbers);
+    }
+    return *from_middle_;
+  }
+  /// The slope at which |sum c exp(-i slope (n - 14.5))| is largest: c [..][30] to [..][1].
+  Value steepest(const Pair& c) {
+    if (!slopes_) {
+      constexpr std::int64_t kCount = kSlopes;
+      std::vector<float> slopes, cosines(kSubcarriers * kSlopes), sines(cosines.size());
+      for (std::size_t i = 0; i < kSlopes; ++i) slopes.push_back(slope_of(i));
+      for (std::size_t n = 0; n < kSubcarriers; ++n)
+        for (std::size_t i = 0; i < kSlopes; ++i) {
+          const float angle = slopes[i] * (static_cast<float>(n) - kMiddleSubcarrier);
+          cosines[n * kSlopes + i] = std::cos(angle), sines[n * kSlopes + i] = -std::sin(angle);
+        }
+      slopes_ = Slopes{graph_.constant("slopes", {kCount}, slopes),
+                       {graph_.constant("slopes.cosines", {kSubcarriers, kCount}, cosines),
+                        graph_.constant("slopes.sines", {kSubcarriers, kCount}, sines)}};
+    }
+    const Shape each = last_replaced(c.re.shape, slopes_->numbers.shape[0]);
+    const auto along = [&](const Value& a, const Value& b) { return graph_.apply("MatMul", {a, b}, each); };
+    const Value sums =
+        power({difference(along(c.re, slopes_->lines.re), along(c.im, slopes_->lines.im), each),
+               graph_.add(along(c.re, slopes_->lines.im), along(c.im, slopes_->lines.re))});
+    const std::string best = fmt::format("steepest_{}", graph_.size());
+    onnx::NodeProto& most = graph_.node("ArgMax", {sums}, best);
+    Graph::set_integer(most, "axis", -1);
+    Graph::set_integer(most, "keepdims", 1);
+    Value slope = {best + "_slope", last_replaced(each, 1)};
+    Graph::set_integer(graph_.node("Gather", {slopes_->numbers, {best, {}}}, slope.name), "axis", 0);
+    for (int i = 0; i < kNewtonSteps; ++i) slope = difference(slope, newton_step(c, slope), slope.shape);
+    return slope;
+  }
+  Value newton_step(const Pair& c, const Value& slope) {
+    const auto last = static_cast<std::int64_t>(slope.shape.size()) - 1;
+    const auto sum = [&](const Pair& x) { return Pair{sum_over(x.re, {last}), sum_over(x.im, {last})}; };
+    const auto times_n = [&](const Pair& x) {
+      return Pair{product(x.re, from_middle(), x.re.shape), product(x.im, from_middle(), x.re.shape)};
+    };
+    const Pair turned = product(c, line(slope)), first = times_n(turned);
+    const Pair s = sum(turned), s1 = sum(first), s2 = sum(times_n(first));
+    const Shape& shape = slope.shape;
+    const Value rise = difference(product(s.re, s1.im, shape), product(s.im, s1.re, shape), shape);
+    const Value bend =
+        difference(power(s1), graph_.add(product(s.re, s2.re, shape), product(s.im, s2.im, shape)), shape);
+    const Value step = graph_.apply("Clip",
+                                    {graph_.apply("Div", {rise, bend}, shape), graph_.scalar(-kSlopeStep / 2),
+                                     graph_.scalar(kSlopeStep / 2)},
+                                    shape);
+    return graph_.apply(
+        "Where", {graph_.apply("Less", {bend, graph_.scalar(0)}, shape), step, graph_.scalar(0)}, shape);
+  }
+  /// departures() of samples `csi` [1][60][T][9] from responses [B][60][1][3][3]: in phase and across, [B][30][T][3][3].
+  Pair departures(const Value& csi, const Value& response) {
+    const std::int64_t samples = csi.shape[2];
+    const Shape shape = {response.shape[0], kSubcarriers, samples, kReceivers, kAntennas};
+    const Value there = graph_.reshape(csi, {1, kChannels, samples, kReceivers, kAntennas});
+    const Value amplitude = half_of(there, 0), background = half_of(response, 0);
+    const Value phase = difference(half_of(there, 1), half_of(response, 1), shape);
+    const Pair turned = {product(graph_.apply("Cos", {phase}, shape), amplitude, shape),
+                         product(graph_.apply("Sin", {phase}, shape), amplitude, shape)};
+    const auto over_antennas = [&](const Value& x) { return sum_over(product(x, background, shape), {4}); };
+    const Pair weighed = turned_over({over_antennas(turned.re), over_antennas(turned.im)});
+    const Pair turns = line(steepest(weighed)), along = product(weighed, turns);
+    const Value strength = sum_over(squared(amplitude), {1, 4});
+    const Value re = sum_over(along.re, {4}), im = sum_over(along.im, {4});
+    const Pair scale = {graph_.apply("Div", {re, strength}, re.shape),
+                        graph_.apply("Neg", {graph_.apply("Div", {im, strength}, re.shape)}, re.shape)};
+    const Pair over = product(turned, turned_over(product(turns, scale)));
+    return {difference(over.re, background, shape), over.im};
+  }
+  /// Amplitudes (0) or phases (1) of [..][60][..].
+  Value half_of(const Value& x, std::int64_t half) {
+    constexpr std::int64_t kHalf = kSubcarriers;
+    Shape shape = x.shape;
+    shape[1] = kHalf;
+    return graph_.apply(
+        "Slice",
+        {x, graph_.integers({half * kHalf}), graph_.integers({(half + 1) * kHalf}), graph_.integers({1})},
+        shape);
+  }
+
   Value against_background(const Value& csi) {
     const auto count = static_cast<std::int64_t>(normalisation_.backgrounds.size());
-    const Shape by_element = {kChannels, 1, kLinks}, each = {count, kChannels, 1, kLinks};
-    std::vector<float> mean, deviation, logarithms;
+    const Shape each = {count, kChannels, 1, kReceivers, kAntennas},
+                one = {1, kChannels, 1, kReceivers, kAntennas};
+    std::vector<float> response, deviation, logarithms;
     for (const Background& background : normalisation_.backgrounds) {
-      mean.insert(mean.end(), background.mean.begin(), background.mean.end());
+      response.insert(response.end(), background.response.begin(), background.response.end());
       deviation.insert(deviation.end(), background.deviation.begin(), background.deviation.end());
       double sum = 0;
       for (const float s : background.deviation) sum += std::log(static_cast<double>(s));
-      logarithms.push_back(static_cast<float>(2 * sum / kElements));
+      logarithms.push_back(static_cast<float>(sum));
     }
-    const Value means = graph_.constant("norm.background_mean", each, mean);
-    const Value deviations = graph_.constant("norm.background_std", each, deviation);
-    const Value first = sample_of(csi, 0);
-    const Value change = graph_.apply("Sub", {csi, first}, csi.shape);
-    const Value level = wrapped(graph_.add(first, mean_over(wrapped(change), {2}, first.shape)));
-    const Value difference = wrapped(graph_.apply("Sub", {level, means}, each));
-    const Value z = graph_.apply("Div", {difference, deviations}, each);
-    const Value squares = mean_over(graph_.apply("Mul", {z, z}, each), {1, 2, 3}, {count, 1, 1, 1});
+    const Value responses = graph_.constant("norm.background_response", each, response);
+    const Value deviations = graph_.constant("norm.background_deviation", each, deviation);
+    const auto scaled = [&](const Value& samples, const Value& from, const Value& by) {
+      const Pair departed = departures(samples, from);
+      const auto part = [&](const Value& x, std::int64_t half) {
+        return graph_.apply("Div", {x, half_of(by, half)}, x.shape);
+      };
+      return Pair{part(departed.re, 0), part(departed.im, 1)};
+    };
+    const Pair z = scaled(middle_sample(csi), responses, deviations);
     const Value surprise =
-        graph_.add(squares, graph_.constant("norm.background_log", {count, 1, 1, 1}, logarithms));
+        graph_.add(sum_over(graph_.add(tail(z.re), tail(z.im)), {1, 2, 3, 4}),
+                   graph_.constant("norm.background_log", {count, 1, 1, 1, 1}, logarithms));
     onnx::NodeProto& least = graph_.node("ArgMin", {surprise}, "background");
     Graph::set_integer(least, "axis", 0);
     Graph::set_integer(least, "keepdims", 1);
     const Value nearest = graph_.reshape({"background", {}}, {1});
     const auto chosen = [&](const Value& table, const char* name) {
       Graph::set_integer(graph_.node("Gather", {table, nearest}, name), "axis", 0);
-      return Value{name, {1, kChannels, 1, kLinks}};
+      return Value{name, one};
     };
-    const Value centred = wrapped(graph_.apply("Sub", {csi, chosen(means, "background.mean")}, csi.shape));
-    return graph_.apply("Div", {centred, chosen(deviations, "background.std")}, csi.shape);
+    const Pair departed =
+        scaled(csi, chosen(responses, "background.response"), chosen(deviations, "background.deviation"));
+    onnx::NodeProto& both = graph_.node("Concat", {departed.re, departed.im}, "departures");
+    Graph::set_integer(both, "axis", 1);
+    return graph_.reshape({"departures", {}}, csi.shape);
   }
-  Value sample_of(const Value& csi, std::int64_t t) {
-    const std::string name = "csi.first";
-    Graph::set_integer(graph_.node("Gather", {csi, graph_.integers({t})}, name), "axis", 2);
+  /// kTailShape log(1 + z^2 / kFreedom).
+  Value tail(const Value& z) {
+    const Value square =
+        graph_.apply("Div", {squared(z), graph_.scalar(static_cast<float>(kFreedom))}, z.shape);
+    const Value logarithm = graph_.apply("Log", {graph_.add(square, graph_.scalar(1))}, z.shape);
+    return graph_.apply("Mul", {logarithm, graph_.scalar(static_cast<float>(kTailShape))}, z.shape);
+  }
+  Value middle_sample(const Value& csi) {
+    const std::string name = "csi.middle";
+    Graph::set_integer(graph_.node("Gather", {csi, graph_.integers({kSamples / 2})}, name), "axis", 2);
     return {name, {1, kChannels, 1, kLinks}};
-  }
-  Value mean_over(const Value& x, const Shape& axes, Shape shape) {
-    const std::string name = fmt::format("mean_{}", fmt::join(axes, "_"));
-    Graph::set_integers(graph_.node("ReduceMean", {x}, name), "axes", axes);
-    return {name, std::move(shape)};
-  }
-  /// Phases of x [..][60][..][9] to (-pi, pi] by whole turns; amplitudes stay.
-  Value wrapped(const Value& x) {
-    if (!turns_) {
-      std::vector<float> turns(kChannels, 0.f);
-      std::fill(turns.begin() + kSubcarriers, turns.end(), 2 * std::numbers::pi_v<float>);
-      turns_ = graph_.constant("turns", {kChannels, 1, 1}, turns);
-    }
-    constexpr float kHalf = std::numbers::pi_v<float>;
-    const Value above = graph_.apply("Add", {x, graph_.scalar(kHalf)}, x.shape);
-    const Value parts = graph_.apply("Div", {above, graph_.scalar(2 * kHalf)}, x.shape);
-    const Value whole = graph_.apply("Floor", {parts}, x.shape);
-    return graph_.apply("Sub", {x, graph_.apply("Mul", {whole, *turns_}, x.shape)}, x.shape);
   }
 
   Value encode(const Value& csi) {
@@ -390,7 +510,12 @@ class NetworkGraph {
   const TensorMap& weights_;
   const Normalisation& normalisation_;
   Graph graph_;
-  std::optional<Value> turns_;
+  std::optional<Value> from_middle_;
+  struct Slopes {
+    Value numbers;  ///< [19]
+    Pair lines;     ///< [30][19]
+  };
+  std::optional<Slopes> slopes_;
 };
 
 void describe(const Model& model, onnx::ModelProto& proto) {

@@ -31,8 +31,8 @@ struct Estimate {
 
 /// Of windows' unlikeness to the nearest background (model/normalisation.h), averaged over about ten seconds: above it the
 /// installation is none that the weights know. Measured on simulated windows: means over seven seconds of unseen clips in known
-/// installations reached 2.7, those of the same rooms after another powering up of the cards began at 2.9 (docs/training.md).
-inline constexpr double kMostUnlike = 2.8;
+/// installations reached 3.0, those over a third of a second after another powering up of the cards began at 3.4 (docs/training.md).
+inline constexpr double kMostUnlike = 3.2;
 
 class PoseEstimator {
  public:

@@ -48,8 +48,11 @@ class ReferenceEngine final : public Engine {
  private:
   Matrix normalised_tokens(std::span<const float> x, LinkSet links) const {
     const Normalisation& n = model_->normalisation();
-    Matrix tokens = reference::tokens_of(x);
-    write_tokens(n, nearest_background(n.backgrounds, x, links).background, x, LinkSet().set(), tokens.data);
+    Matrix present(kSamples * links.count(), kChannels), tokens(kTokens, kChannels);
+    write_tokens(n, nearest_background(n.backgrounds, x, links).background, x, links, present.data);
+    std::size_t row = 0;
+    for (const std::size_t token : reference::visible_tokens(links))
+      std::copy_n(&present.data[row++ * kChannels], kChannels, &tokens.data[token * kChannels]);
     return tokens;
   }
 

@@ -47,6 +47,14 @@ Normalisation normalisation_of(const Moments& amplitude, const Moments& phase, c
           {}};
 }
 
+/// That of the window's own installation, where it is known by name; as the daemon finds it otherwise.
+const Background* background_of(const Normalisation& scaling, const std::string& room,
+                                std::span<const float> x) {
+  const auto named = std::ranges::find(scaling.backgrounds, room, &Background::name);
+  if (named != scaling.backgrounds.end()) return &*named;
+  return nearest_background(scaling.backgrounds, x, LinkSet().set()).background;
+}
+
 }  // namespace
 
 Pool::Pool(std::vector<std::shared_ptr<const WindowSource>> sources)
@@ -131,9 +139,8 @@ at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
       const auto [source, window] = locate(windows[static_cast<std::size_t>(b)]);
       sources_[source]->read(window, x);
       const LinkSet all = LinkSet().set();
-      const Background* background = nearest_background(scaling_[source].backgrounds, x, all).background;
-      write_tokens(scaling_[source], background, x, all,
-                   {numbers + b * static_cast<std::int64_t>(kWindowNumbers), kWindowNumbers});
+      write_tokens(scaling_[source], background_of(scaling_[source], sources_[source]->room(window), x), x,
+                   all, {numbers + b * static_cast<std::int64_t>(kWindowNumbers), kWindowNumbers});
     }
   });
   return out.to(device_);

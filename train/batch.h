@@ -44,7 +44,7 @@ class Pool {
 
   /// Where the tensors below are given; the CPU at first.
   void give_on(const at::Device& device) { device_ = device; }
-  /// Tokens (windows, 180, 60), scaled.
+  /// Tokens (windows, 180, 60), scaled; against the background of the installation that the set names, where it is known.
   at::Tensor tokens(std::span<const std::uint64_t> windows) const;
   People people_of(std::span<const std::uint64_t> windows) const;
 

@@ -64,16 +64,16 @@ void set_normalisation(Weights& weights, const Normalisation& scaling) {
   weights.parameters.set("norm.ph_std", at::full({}, scaling.ph_std));
   if (scaling.backgrounds.empty()) return;
   const auto count = static_cast<std::int64_t>(scaling.backgrounds.size());
-  const at::Tensor mean = at::empty({count, kChannels, kLinks}), deviation = at::empty_like(mean);
+  const at::Tensor response = at::empty({count, kChannels, kLinks}), deviation = at::empty_like(response);
   nlohmann::json names = nlohmann::json::array();
   for (std::size_t i = 0; i < scaling.backgrounds.size(); ++i) {
     const Background& background = scaling.backgrounds[i];
-    std::ranges::copy(background.mean, mean.data_ptr<float>() + i * kElements);
+    std::ranges::copy(background.response, response.data_ptr<float>() + i * kElements);
     std::ranges::copy(background.deviation, deviation.data_ptr<float>() + i * kElements);
     names.push_back(background.name);
   }
-  weights.parameters.set("norm.background_mean", mean);
-  weights.parameters.set("norm.background_std", deviation);
+  weights.parameters.set("norm.background_response", response);
+  weights.parameters.set("norm.background_deviation", deviation);
   weights.metadata["backgrounds"] = names.dump();
 }
 

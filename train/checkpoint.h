@@ -28,7 +28,7 @@ Weights read_weights(const std::filesystem::path& path);
 /// Sealed, in one step. Throws SetupError (cannot_create, io).
 void write_weights(const std::filesystem::path& path, const Weights& weights);
 
-/// norm.amp_mean, norm.amp_std, norm.ph_std; norm.background_mean and norm.background_std with the metadata's "backgrounds".
+/// norm.amp_mean, norm.amp_std, norm.ph_std; norm.background_response and norm.background_deviation with the metadata's "backgrounds".
 void set_normalisation(Weights& weights, const Normalisation& scaling);
 
 struct Checkpoint {

@@ -182,14 +182,34 @@ class OnnxEvaluator {
       }
     return out;
   }
-  /// Over the axes that the node names; they stay, with size 1.
-  static Tensor reduce_mean(const Tensor& x, const onnx::AttributeProto& axes) {
+  /// Over these axes; they stay, with size 1.
+  static Tensor reduce_sum(const Tensor& x, const Tensor& axes) {
     Tensor out{x.shape, {}};
-    for (const std::int64_t axis : axes.ints()) out.shape[static_cast<std::size_t>(axis)] = 1;
+    for (const double axis : axes.data) out.shape[static_cast<std::size_t>(axis)] = 1;
     out.data.assign(count(out.shape), 0);
-    const double share = static_cast<double>(out.data.size()) / static_cast<double>(x.data.size());
-    for (std::size_t i = 0; i < x.data.size(); ++i)
-      out.data[broadcast(i, x.shape, out.shape)] += share * x.data[i];
+    for (std::size_t i = 0; i < x.data.size(); ++i) out.data[broadcast(i, x.shape, out.shape)] += x.data[i];
+    return out;
+  }
+  /// Place of the largest number of each row; the row stays, with size 1.
+  static Tensor most(const Tensor& x) {
+    Tensor out{x.shape, {}};
+    out.shape.back() = 1;
+    for (auto row = x.data.begin(); row != x.data.end(); row += static_cast<std::ptrdiff_t>(x.last()))
+      out.data.push_back(
+          static_cast<double>(std::max_element(row, row + static_cast<std::ptrdiff_t>(x.last())) - row));
+    return out;
+  }
+  static Tensor concatenated(const Tensor& a, const Tensor& b, std::size_t axis) {
+    Sizes shape = a.shape;
+    shape[axis] += b.shape[axis];
+    Tensor out{shape, {}};
+    const std::size_t outer = count({shape.begin(), shape.begin() + static_cast<std::ptrdiff_t>(axis)});
+    for (std::size_t o = 0; o < outer; ++o)
+      for (const Tensor* part : {&a, &b}) {
+        const auto inner = static_cast<std::ptrdiff_t>(part->data.size() / outer);
+        const auto first = part->data.begin() + static_cast<std::ptrdiff_t>(o) * inner;
+        out.data.insert(out.data.end(), first, first + inner);
+      }
     return out;
   }
   /// Along axis 0 of a tensor whose other axes have size 1.
@@ -211,11 +231,38 @@ class OnnxEvaluator {
     return gather_slices(x, rows, 0);
   }
   Tensor gather(const onnx::NodeProto& node) {
-    return gather_slices(in(node, 0), in(node, 1), static_cast<std::size_t>(attribute(node, "axis").i()));
+    Tensor out =
+        gather_slices(in(node, 0), in(node, 1), static_cast<std::size_t>(attribute(node, "axis").i()));
+    if (in(node, 0).shape.size() == 1) out.shape = in(node, 1).shape;
+    return out;
   }
   Tensor arg_min(const onnx::NodeProto& node) {
     require_axis(node, 0);
     return least(in(node, 0));
+  }
+  Tensor arg_max(const onnx::NodeProto& node) {
+    require_axis(node, -1);
+    return most(in(node, 0));
+  }
+  /// Of axis 1, in steps of one.
+  Tensor slice(const onnx::NodeProto& node) {
+    if (in(node, 3).data != std::vector<double>{1} || node.input_size() != 4)
+      throw std::runtime_error(node.name() + " slices another axis");
+    const auto from = static_cast<std::size_t>(in(node, 1).data[0]),
+               to = static_cast<std::size_t>(in(node, 2).data[0]);
+    Tensor which{{to - from}, std::vector<double>(to - from)};
+    std::iota(which.data.begin(), which.data.end(), static_cast<double>(from));
+    return gather_slices(in(node, 0), which, 1);
+  }
+  Tensor where(const onnx::NodeProto& node) {
+    const auto pick = [](double chosen, double value) { return chosen != 0 ? value : 0; };
+    if (in(node, 2).data != std::vector<double>{0})
+      throw std::runtime_error(node.name() + " has another value than 0");
+    return combine(in(node, 0), in(node, 1), pick);
+  }
+  Tensor clip(const onnx::NodeProto& node) {
+    const double least = in(node, 1).data[0], most = in(node, 2).data[0];
+    return each(in(node, 0), [&](double x) { return std::clamp(x, least, most); });
   }
   Tensor row_softmax(const onnx::NodeProto& node) {
     require_axis(node, -1);
@@ -244,8 +291,21 @@ class OnnxEvaluator {
            const auto epsilon = static_cast<double>(attribute(node, "epsilon").f());
            return layer_norm(in(node, 0), in(node, 1), in(node, 2), epsilon);
          }},
-        {"Floor", one([](double x) { return std::floor(x); })},
-        {"ReduceMean", [&] { return reduce_mean(in(node, 0), attribute(node, "axes")); }},
+        {"Cos", one([](double x) { return std::cos(x); })},
+        {"Sin", one([](double x) { return std::sin(x); })},
+        {"Log", one([](double x) { return std::log(x); })},
+        {"Neg", one([](double x) { return -x; })},
+        {"Less", two([](double a, double b) { return a < b ? 1. : 0.; })},
+        {"Where", [&] { return where(node); }},
+        {"Clip", [&] { return clip(node); }},
+        {"Slice", [&] { return slice(node); }},
+        {"Concat",
+         [&] {
+           return concatenated(in(node, 0), in(node, 1),
+                               static_cast<std::size_t>(attribute(node, "axis").i()));
+         }},
+        {"ReduceSum", [&] { return reduce_sum(in(node, 0), in(node, 1)); }},
+        {"ArgMax", [&] { return arg_max(node); }},
         {"ArgMin", [&] { return arg_min(node); }},
         {"Gather", [&] { return gather(node); }},
         {"TopK", [&] { return top_k(node); }}};

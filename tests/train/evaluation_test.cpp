@@ -219,7 +219,7 @@ TEST(Pack, KnowsOnlyTheInstallationsThatAreNamed) {
   const auto model = Model::from(knowing_only(file, {"loft", "den"}));
   const auto& kept = model->normalisation().backgrounds;
   ASSERT_EQ(kept.size(), 2u);
-  EXPECT_EQ(kept[0].mean, testing::made_up_background("loft", 3).mean);
+  EXPECT_EQ(kept[0].response, testing::made_up_background("loft", 3).response);
   EXPECT_EQ(kept[1].name, "den");
   try {
     (void)knowing_only(file, {"attic"});
