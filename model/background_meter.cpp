@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <numbers>
 
 #include "proto/result.h"
 
@@ -48,7 +49,7 @@ void move(std::array<float, kElements>& response, const Departed& departed, cons
                  across = departed.mean[kFirstPhase + e];
     response[e] = static_cast<float>(std::hypot(in_phase, across));
     const double phase = static_cast<double>(response[kFirstPhase + e]) + std::atan2(across, in_phase);
-    response[kFirstPhase + e] = static_cast<float>(std::remainder(phase, 2 * M_PI));
+    response[kFirstPhase + e] = static_cast<float>(std::remainder(phase, 2 * std::numbers::pi));
   }
   Powers moved{};
   add_power(moved, response, 1);

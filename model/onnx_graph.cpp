@@ -7,7 +7,6 @@
 #include <climits>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <optional>
 #include <set>
 #include <span>
