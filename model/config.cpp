@@ -46,9 +46,10 @@ struct SwitchField {
   bool NetworkConfig::*member;
   bool since_later = false;  ///< older files do not have it and mean false; nor is false written
 };
-constexpr std::array<SwitchField, 3> kSwitches = {
+constexpr std::array<SwitchField, 4> kSwitches = {
     {{"identity_conditioning", &NetworkConfig::identity_conditioning},
      {"query_conditioning", &NetworkConfig::query_conditioning, true},
+     {"background_conditioning", &NetworkConfig::background_conditioning, true},
      {"joint_sigma", &NetworkConfig::joint_sigma}}};
 
 [[noreturn]] void refuse(const std::string& words) { throw SetupError(ExitStatus::bad_data, words); }
@@ -123,7 +124,7 @@ class TensorList {
 };
 
 void add_encoder(TensorList& list, const NetworkConfig& c) {
-  list.add("encoder.patch_embed.proj.weight", {c.dim, kChannels, 1, 1});
+  list.add("encoder.patch_embed.proj.weight", {c.dim, c.token_numbers(), 1, 1});
   list.add("encoder.patch_embed.proj.bias", {c.dim});
   for (std::size_t i = 0; i < c.depth; ++i) {
     const std::string block = fmt::format("encoder.blocks.{}.", i);

@@ -11,6 +11,8 @@
 #include <string_view>
 #include <vector>
 
+#include "proto/shape.h"
+
 namespace csipose {
 
 struct NetworkConfig {
@@ -28,7 +30,12 @@ struct NetworkConfig {
   bool identity_conditioning =
       true;                         ///< refinement sees which person it refines; off in parity with the paper
   bool query_conditioning = false;  ///< queries see the poses they begin from; off in parity with the paper
-  bool joint_sigma = false;         ///< has the head for the expected error per joint
+  /// Tokens also say how much people move their link's channels in this installation; off in parity with the paper.
+  bool background_conditioning = false;
+  bool joint_sigma = false;  ///< has the head for the expected error per joint
+
+  /// Numbers of a token: its channels, and with background_conditioning as many of its installation.
+  std::size_t token_numbers() const { return background_conditioning ? 2 * kChannels : kChannels; }
 
   bool operator==(const NetworkConfig&) const = default;
 };

@@ -108,23 +108,19 @@ Sample sample_of(std::span<const float> x, std::size_t t) {
   return sample;
 }
 
-void write_scaled(const Normalisation& normalisation, const Sample& sample, LinkSet links, float* token) {
-  for (std::size_t link = 0; link < kLinks; ++link) {
-    if (!links[link]) continue;
-    for (std::size_t c = 0; c < kChannels; ++c) {
-      const float value = sample[c * kLinks + link];
-      *token++ = c < kSubcarriers ? (value - normalisation.amp_mean) / normalisation.amp_std
-                                  : value / normalisation.ph_std;
-    }
+/// A sample's elements as the network is given them.
+Sample scaled(const Normalisation& normalisation, const Background* background, const Sample& sample,
+              LinkSet links) {
+  if (background != nullptr) {
+    Sample departed = departures(*background, sample, links);
+    for (std::size_t e = 0; e < kElements; ++e) departed[e] /= background->deviation[e];
+    return departed;
   }
-}
-
-void write_departures(const Background& background, const Sample& sample, LinkSet links, float* token) {
-  const Sample departed = departures(background, sample, links);
-  for (std::size_t link = 0; link < kLinks; ++link) {
-    if (!links[link]) continue;
-    for (std::size_t e = link; e < kElements; e += kLinks) *token++ = departed[e] / background.deviation[e];
-  }
+  Sample out;
+  for (std::size_t e = 0; e < kElements; ++e)
+    out[e] = e < kFirstPhase ? (sample[e] - normalisation.amp_mean) / normalisation.amp_std
+                             : sample[e] / normalisation.ph_std;
+  return out;
 }
 
 }  // namespace
@@ -162,20 +158,36 @@ NearestBackground nearest_background(const std::vector<Background>& backgrounds,
   return nearest;
 }
 
+std::array<float, kElements> mobility(const Background& background) {
+  Sample out;
+  for (std::size_t e = 0; e < kElements; ++e) {
+    const float amplitude = background.response[e % kFirstPhase], deviation = background.deviation[e];
+    out[e] = deviation / (amplitude + deviation);
+  }
+  return out;
+}
+
 void write_tokens(const Normalisation& normalisation, const Background* background, std::span<const float> x,
                   LinkSet links, std::span<float> tokens) {
-  const std::size_t numbers = kChannels * links.count();  // of a sample
-  assert(tokens.size() == kSamples * numbers);
+  const std::size_t numbers = tokens.size() / kSamples;  // of a sample
+  const bool conditioned = numbers == 2 * kChannels * links.count();
+  assert(conditioned || numbers == kChannels * links.count());
+  const Sample moves = conditioned && background != nullptr ? mobility(*background) : Sample{};
   Sample before{};
   for (std::size_t t = 0; t < kSamples; ++t) {
     const Sample sample = sample_of(x, t);
     float* token = &tokens[t * numbers];
-    if (t > 0 && sample == before)  // sets that keep few samples of a window repeat them
+    if (t > 0 && sample == before) {  // sets that keep few samples of a window repeat them
       std::copy_n(token - numbers, numbers, token);
-    else if (background != nullptr)
-      write_departures(*background, sample, links, token);
-    else
-      write_scaled(normalisation, sample, links, token);
+      continue;
+    }
+    const Sample given = scaled(normalisation, background, sample, links);
+    for (std::size_t link = 0; link < kLinks; ++link) {
+      if (!links[link]) continue;
+      for (std::size_t e = link; e < kElements; e += kLinks) *token++ = given[e];
+      if (!conditioned) continue;
+      for (std::size_t e = link; e < kElements; e += kLinks) *token++ = moves[e];
+    }
     before = sample;
   }
 }

@@ -67,8 +67,14 @@ inline constexpr double kFreedom = 3, kTailShape = (kFreedom + 1) / 2;
 NearestBackground nearest_background(const std::vector<Background>& backgrounds, std::span<const float> x,
                                      LinkSet links);
 
-/// Tokens of the links `links`, rows t * 9 + l without those left out, of 60 numbers each; against `background`, or by the
-/// scalars when it is nullptr.
+/// How much people move each channel of each link, beside the response itself: deviation / (|B| + deviation), in phase and
+/// across, in 0 .. 1. A branch's gain and phase fall out, so it is nearly the same after another powering up: what is left tells one
+/// room from another, and which subcarriers of a link people reach.
+std::array<float, kElements> mobility(const Background& background);
+
+/// Tokens of the links `links`, rows t * 9 + l without those left out; against `background`, or by the scalars when it is
+/// nullptr. Of 60 numbers each or, with NetworkConfig::background_conditioning, of 120: the link's mobility() follows, 0 where there is no
+/// background. The size of `tokens` tells which.
 void write_tokens(const Normalisation& normalisation, const Background* background, std::span<const float> x,
                   LinkSet links, std::span<float> tokens);
 

@@ -206,7 +206,7 @@ OneDnnEncoder::OneDnnEncoder(OneDnnContext& context, const Model& model, const N
       attention_(context, dim_, model.config().heads, plan.attention,
                  plan.encoder == Element::s8 ? Element::f32 : plan.encoder),
       buffers_(dim_, plan),
-      tokens_(kTokens * kChannels * sizeof(float)),
+      tokens_(kTokens * model.config().token_numbers() * sizeof(float)),
       residual_(kTokens * dim_ * sizeof(float)),
       final_float_(kTokens * dim_ * sizeof(float)),
       final_(kTokens * dim_ * size_of(plan.decoder)) {
@@ -225,7 +225,7 @@ void OneDnnEncoder::prepare(std::size_t tokens) {
 void OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links) {
   const Background* background = nearest_background(normalisation_.backgrounds, x, links).background;
   write_tokens(normalisation_, background, x, links,
-               {tokens_.floats(), kSamples * links.count() * kChannels});
+               {tokens_.floats(), kSamples * links.count() * embed_.inputs()});
   float* residual = residual_.floats();
   for (std::size_t i = 0; i < kTokens; ++i) {
     if (!links[i % kLinks]) continue;

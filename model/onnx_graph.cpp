@@ -234,10 +234,11 @@ class NetworkGraph {
     return graph_.reshape(graph_.transpose(mixed, {0, 2, 1, 3}), q.shape);
   }
 
-  /// csi to [1][180][60], normalised, row t * 9 + l.
+  /// csi to [1][180][60 or 120], normalised, row t * 9 + l.
   Value tokens(const Value& csi) {
-    const Value scaled = normalisation_.backgrounds.empty() ? by_scalars(csi) : against_background(csi);
-    return graph_.transpose(graph_.reshape(scaled, {1, kChannels, kTokenCount}), {0, 2, 1});
+    const Value given = normalisation_.backgrounds.empty() ? by_scalars(csi) : against_background(csi);
+    const auto numbers = static_cast<std::int64_t>(config_.token_numbers());
+    return graph_.transpose(graph_.reshape(given, {1, numbers, kTokenCount}), {0, 2, 1});
   }
   Value by_scalars(const Value& csi) {
     std::vector<float> mean(kChannels, 0.f), deviation(kChannels, normalisation_.ph_std);
@@ -246,7 +247,11 @@ class NetworkGraph {
     const Shape by_channel = {kChannels, 1, 1};
     const Value centred =
         graph_.apply("Sub", {csi, graph_.constant("norm.mean", by_channel, mean)}, csi.shape);
-    return graph_.apply("Div", {centred, graph_.constant("norm.std", by_channel, deviation)}, csi.shape);
+    const Value scaled =
+        graph_.apply("Div", {centred, graph_.constant("norm.std", by_channel, deviation)}, csi.shape);
+    return config_.background_conditioning
+               ? side_by_side({scaled, zeros("background.none", csi.shape)}, "scaled")
+               : scaled;
   }
 
   // Against backgrounds, with all links: departures() of all samples from the one that is nearest_background().
@@ -407,9 +412,30 @@ class NetworkGraph {
     };
     const Pair departed =
         scaled(csi, chosen(responses, "background.response"), chosen(deviations, "background.deviation"));
-    onnx::NodeProto& both = graph_.node("Concat", {departed.re, departed.im}, "departures");
-    Graph::set_integer(both, "axis", 1);
-    return graph_.reshape({"departures", {}}, csi.shape);
+    if (!config_.background_conditioning) return side_by_side({departed.re, departed.im}, "departures");
+    std::vector<float> moves;
+    for (const Background& background : normalisation_.backgrounds) {
+      const auto one_of = mobility(background);
+      moves.insert(moves.end(), one_of.begin(), one_of.end());
+    }
+    const Value of_chosen =
+        chosen(graph_.constant("background.mobilities", each, moves), "background.mobility");
+    const Value of_samples =
+        graph_.add(zeros("background.samples", {1, kChannels, kSamples, kReceivers, kAntennas}), of_chosen);
+    return side_by_side({departed.re, departed.im, of_samples}, "departures");
+  }
+  Value zeros(const char* name, const Shape& shape) {
+    std::int64_t count = 1;
+    for (const std::int64_t size : shape) count *= size;
+    return graph_.constant(name, shape, std::vector<float>(static_cast<std::size_t>(count), 0.f));
+  }
+  /// One after the other along the channels.
+  Value side_by_side(std::initializer_list<Value> parts, const std::string& name) {
+    Graph::set_integer(graph_.node("Concat", parts, name), "axis", 1);
+    Shape shape = parts.begin()->shape;
+    shape[1] = 0;
+    for (const Value& part : parts) shape[1] += part.shape[1];
+    return {name, shape};
   }
   /// kTailShape log(1 + z^2 / kFreedom).
   Value tail(const Value& z) {

@@ -48,11 +48,12 @@ class ReferenceEngine final : public Engine {
  private:
   Matrix normalised_tokens(std::span<const float> x, LinkSet links) const {
     const Normalisation& n = model_->normalisation();
-    Matrix present(kSamples * links.count(), kChannels), tokens(kTokens, kChannels);
+    const std::size_t numbers = model_->config().token_numbers();
+    Matrix present(kSamples * links.count(), numbers), tokens(kTokens, numbers);
     write_tokens(n, nearest_background(n.backgrounds, x, links).background, x, links, present.data);
     std::size_t row = 0;
     for (const std::size_t token : reference::visible_tokens(links))
-      std::copy_n(&present.data[row++ * kChannels], kChannels, &tokens.data[token * kChannels]);
+      std::copy_n(&present.data[row++ * numbers], numbers, &tokens.data[token * numbers]);
     return tokens;
   }
 

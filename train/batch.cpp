@@ -128,10 +128,23 @@ void Pool::measure_scaling(std::span<const std::uint64_t> windows, ScaledBy by) 
     if (amplitude[s].count > 0) scaling_[s] = normalisation_of(amplitude[s], phase[s], sources_[s]->name());
 }
 
+void Pool::give_for(const NetworkConfig& config) {
+  for (std::size_t s = 0; s < sources_.size() && config.background_conditioning; ++s)
+    if (scaling_[s].backgrounds.empty())
+      throw SetupError(
+          ExitStatus::bad_config,
+          fmt::format(
+              "data set {}: no backgrounds are known, and network.background_conditioning tells the "
+              "network of them; set data.norm to \"background\", or to \"init\" with a file that has them",
+              sources_[s]->name()));
+  token_numbers_ = config.token_numbers();
+}
+
 at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
   const auto count = static_cast<std::int64_t>(windows.size());
   at::Tensor out =
-      at::empty({count, static_cast<std::int64_t>(kTokens), static_cast<std::int64_t>(kChannels)});
+      at::empty({count, static_cast<std::int64_t>(kTokens), static_cast<std::int64_t>(token_numbers_)});
+  const std::size_t of_window = kTokens * token_numbers_;
   float* numbers = out.data_ptr<float>();
   at::parallel_for(0, count, 8, [&](std::int64_t from, std::int64_t to) {
     std::vector<float> x(kWindowNumbers);
@@ -140,7 +153,7 @@ at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
       sources_[source]->read(window, x);
       const LinkSet all = LinkSet().set();
       write_tokens(scaling_[source], background_of(scaling_[source], sources_[source]->room(window), x), x,
-                   all, {numbers + b * static_cast<std::int64_t>(kWindowNumbers), kWindowNumbers});
+                   all, {numbers + b * static_cast<std::int64_t>(of_window), of_window});
     }
   });
   return out.to(device_);

@@ -44,7 +44,10 @@ class Pool {
 
   /// Where the tensors below are given; the CPU at first.
   void give_on(const at::Device& device) { device_ = device; }
-  /// Tokens (windows, 180, 60), scaled; against the background of the installation that the set names, where it is known.
+  /// As many numbers a token as a network of `config` takes; 60 at first. Throws SetupError (bad_config): it is told of backgrounds,
+  /// and there are none.
+  void give_for(const NetworkConfig& config);
+  /// Tokens (windows, 180, 60 or 120), scaled; against the background of the installation that the set names, where it is known.
   at::Tensor tokens(std::span<const std::uint64_t> windows) const;
   People people_of(std::span<const std::uint64_t> windows) const;
 
@@ -55,6 +58,7 @@ class Pool {
   std::vector<std::size_t> first_;  // of each source, and the end
   std::vector<Normalisation> scaling_;
   at::Device device_ = at::kCPU;
+  std::size_t token_numbers_ = kChannels;
 };
 
 struct Split {

@@ -57,8 +57,9 @@ Sources pretraining_data(const Experiment& row, const ExperimentData& data) {
   return sources;
 }
 
-double judge(const fs::path& weights_file, const Pool& test) {
+double judge(const fs::path& weights_file, Pool& test) {
   const Weights weights = read_weights(weights_file);
+  test.give_for(weights.config);
   std::vector<std::uint64_t> all(test.size());
   std::iota(all.begin(), all.end(), std::uint64_t{0});
   const bool bf16 = weights.metadata.at("numerics") == "bf16";

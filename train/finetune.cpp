@@ -109,10 +109,8 @@ TokenList tokens_of(std::vector<std::size_t> samples, const LinkSet& links) {
   return tokens;
 }
 
-NetworkConfig network_of(const RunSettings& settings) {
-  NetworkConfig config = preset_config(settings.network.preset);
-  config.identity_conditioning = settings.network.identity_conditioning;
-  config.query_conditioning = settings.network.query_conditioning;
+NetworkConfig network_of_poses(const RunSettings& settings) {
+  NetworkConfig config = network_of(settings);
   config.joint_sigma = config.identity_conditioning && settings.finetune.sigma_epochs > 0;
   return config;
 }
@@ -121,7 +119,7 @@ NetworkConfig network_of(const RunSettings& settings) {
 std::uint64_t pose_steps(const RunSettings& settings, const Moment& now) {
   const auto pose = static_cast<std::uint64_t>(settings.finetune.epochs);
   const auto sigma =
-      static_cast<std::uint64_t>(network_of(settings).joint_sigma ? settings.finetune.sigma_epochs : 0);
+      static_cast<std::uint64_t>(network_of_poses(settings).joint_sigma ? settings.finetune.sigma_epochs : 0);
   return now.total / (pose + sigma) * pose;
 }
 
@@ -387,6 +385,12 @@ void take_over(Weights& weights, const RunSettings& settings) {
     if ((!encoder && !whole) || name.rfind("norm.", 0) == 0 || !from.parameters.has(theirs)) continue;
     // Another floor is learned anew.
     if (name.rfind("predictor.map.", 0) == 0 && from.parameters[theirs].sizes() != tensor.sizes()) continue;
+    // What has learnt of channels alone begins without regard to backgrounds.
+    if (name == "encoder.patch_embed.proj.weight" && from.parameters[theirs].size(1) < tensor.size(1)) {
+      tensor.zero_().narrow(1, 0, kChannels).copy_(from.parameters[theirs]);
+      ++taken;
+      continue;
+    }
     if (from.parameters[theirs].sizes() != tensor.sizes())
       throw SetupError(ExitStatus::bad_config,
                        fmt::format("{} (finetune.init) has '{}' of another shape than the preset {}",
@@ -416,7 +420,8 @@ std::size_t min_links(const RunSettings& settings) {
 
 Weights initial_weights(const RunSettings& settings, const Pool& pool, const Split& split,
                         const Numerics& numerics) {
-  Weights weights = untrained_weights(network_of(settings), static_cast<std::uint64_t>(settings.run.seed));
+  Weights weights =
+      untrained_weights(network_of_poses(settings), static_cast<std::uint64_t>(settings.run.seed));
   if (settings.network.init == "fan_in") scale_to_fan_in(weights.parameters, "encoder.");
   if (settings.finetune.proposal_bias) set_proposal_bias(weights, pool, split.train);
   if (settings.finetune.ordered > 0) {
@@ -501,9 +506,10 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
   split.train = spread(split.train, static_cast<std::size_t>(settings.data.take));
   LoopPlan plan{split.train, static_cast<std::uint64_t>(settings.finetune.epochs),
                 static_cast<std::uint64_t>(settings.finetune.batch)};
-  if (network_of(settings).joint_sigma)
+  if (network_of_poses(settings).joint_sigma)
     plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
   scale(pool, split, settings);
+  pool.give_for(network_of_poses(settings));
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
   Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics);

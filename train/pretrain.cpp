@@ -123,9 +123,7 @@ class Jepa : public Objective {
 };
 
 Weights initial_weights(const RunSettings& settings, const Pool& pool, const Numerics& numerics) {
-  NetworkConfig config = preset_config(settings.network.preset);
-  config.identity_conditioning = settings.network.identity_conditioning;
-  config.query_conditioning = settings.network.query_conditioning;
+  const NetworkConfig config = network_of(settings);
   const auto seed = static_cast<std::uint64_t>(settings.run.seed);
   Weights weights = untrained_weights(config, seed);
   weights.parameters.merge(initial_predictor(predictor_shape(settings.network.preset), config.dim, seed));
@@ -164,6 +162,7 @@ Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers
   plan.epochs = static_cast<std::uint64_t>(settings.pretrain.epochs);
   plan.batch = static_cast<std::uint64_t>(settings.pretrain.batch);
   if (settings.data.norm != "none") pool.measure_scaling(plan.windows, scaled_by(settings.data.norm));
+  pool.give_for(network_of(settings));
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
   Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, numerics);

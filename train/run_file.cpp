@@ -67,12 +67,18 @@ const std::vector<Key>& keys() {
        0,
        {},
        "each query of the decoder sees the pose it begins from"},
+      {"network.background_conditioning",
+       FIELD(network.background_conditioning),
+       0,
+       0,
+       {},
+       "tokens also say how much people move the channels of their link; needs backgrounds"},
       {"network.parity",
        FIELD(network.parity),
        0,
        0,
        {},
-       "as the paper and its sources in everything that they leave open: both kinds of conditioning "
+       "as the paper and its sources in everything that they leave open: all kinds of conditioning "
        "and proposal_bias off"},
       {"network.init",
        FIELD(network.init),
@@ -402,7 +408,8 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
   reader.refuse_if_wrong();
   if (reader.settings.network.parity) {
     reader.settings.network.init = "fixed";
-    reader.settings.network.identity_conditioning = reader.settings.network.query_conditioning = false;
+    reader.settings.network.identity_conditioning = reader.settings.network.query_conditioning =
+        reader.settings.network.background_conditioning = false;
     reader.settings.finetune.proposal_bias = false;
     reader.settings.finetune.ordered = reader.settings.finetune.map = reader.settings.finetune.root_relative =
         0;
@@ -421,6 +428,14 @@ RunSettings parse_run_text(const std::string& text, const std::string& name) {
   parse_into(reader, text, name);
   reader.refuse_if_wrong();
   return reader.settings;
+}
+
+NetworkConfig network_of(const RunSettings& settings) {
+  NetworkConfig config = preset_config(settings.network.preset);
+  config.identity_conditioning = settings.network.identity_conditioning;
+  config.query_conditioning = settings.network.query_conditioning;
+  config.background_conditioning = settings.network.background_conditioning;
+  return config;
 }
 
 std::string to_toml(const RunSettings& settings, bool with_help) {

@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "model/config.h"
+
 namespace csipose::train {
 
 struct RunSettings {
@@ -26,6 +28,7 @@ struct RunSettings {
     std::string preset = "small";
     bool identity_conditioning = true;
     bool query_conditioning = true;
+    bool background_conditioning = false;
     bool parity = false;
     std::string init = "fan_in";
   } network;
@@ -69,5 +72,8 @@ RunSettings parse_run_text(const std::string& text, const std::string& name);
 
 /// All keys with their values as TOML; `with_help`: what each means and may be.
 std::string to_toml(const RunSettings& settings, bool with_help);
+
+/// The network that a run teaches, without the head for the expected error.
+NetworkConfig network_of(const RunSettings& settings);
 
 }  // namespace csipose::train

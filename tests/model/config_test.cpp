@@ -75,6 +75,9 @@ TEST(Config, JsonRoundTrip) {
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     config.query_conditioning = true;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
+    config.background_conditioning = true;
+    EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
+    EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 120, 1, 1}));
   }
 }
 

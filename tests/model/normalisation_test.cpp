@@ -150,6 +150,44 @@ TEST(Normalisation, ABackgroundIsTakenOffByItsDeviations) {
   }
 }
 
+// Of an element: |B| = 12, deviation 4: a quarter. Gains and phases of a branch fall out of it.
+TEST(Mobility, IsTheShareThatPeopleMove) {
+  Background background = made_up_background("hall", 3);
+  background.response[31] = 12;
+  background.deviation[31] = 4;
+  background.deviation[kFirstPhase + 31] = 36;
+  const Sample before = mobility(background);
+  EXPECT_FLOAT_EQ(before[31], 0.25f);
+  EXPECT_FLOAT_EQ(before[kFirstPhase + 31], 0.75f);
+  for (std::size_t e = 0; e < kElements; ++e) {
+    background.deviation[e] *= 2.5f;
+    if (e < kFirstPhase)
+      background.response[e] *= 2.5f;
+    else
+      background.response[e] += 1;
+  }
+  const Sample after = mobility(background);
+  for (std::size_t e = 0; e < kElements; ++e) ASSERT_NEAR(after[e], before[e], 1e-6) << e;
+}
+
+TEST(Normalisation, TokensMayTellTheMobilityOfTheirLink) {
+  const Background background = made_up_background("hall", 3);
+  const std::vector<float> x = window_before(background, 4);
+  const LinkSet links = LinkSet().set(1).set(7);
+  const std::size_t rows = kSamples * links.count();
+  std::vector<float> plain(rows * kChannels), told(2 * plain.size()), untold(told.size());
+  write_tokens({}, &background, x, links, plain);
+  write_tokens({}, &background, x, links, told);
+  write_tokens({3, 2, 4, {}}, nullptr, x, links, untold);
+  const Sample moves = mobility(background);
+  for (std::size_t row = 0; row < rows; ++row)
+    for (std::size_t c = 0; c < kChannels; ++c) {
+      ASSERT_EQ(told[row * 2 * kChannels + c], plain[row * kChannels + c]);
+      ASSERT_EQ(told[(row * 2 + 1) * kChannels + c], moves[c * kLinks + (row % 2 == 0 ? 1 : 7)]);
+      ASSERT_EQ(untold[(row * 2 + 1) * kChannels + c], 0);
+    }
+}
+
 TEST(Normalisation, SamplesThatAreRepeatedGiveTheSameTokens) {
   const Background background = made_up_background("hall", 3);
   std::vector<float> x = window_before(background, 4), tokens(x.size()), others(x.size());

@@ -100,9 +100,9 @@ TEST(OneDnnEngine, EveryStageIsTheReferences) {
   }
 }
 
-TEST(OneDnnEngine, TakesTheWindowsBackgroundOff) {
+void expect_against_backgrounds(const NetworkConfig& config) {
   const auto model = testing::with_backgrounds(
-      random_weights(preset_config("micro"), 7, HeadInit::random),
+      random_weights(config, 7, HeadInit::random),
       {testing::made_up_background("den", 1), testing::made_up_background("hall", 2)});
   const auto exact = make_reference_engine(model);
   const auto engine = onednn(model, Precision::f32);
@@ -112,6 +112,15 @@ TEST(OneDnnEngine, TakesTheWindowsBackgroundOff) {
     EXPECT_LT(difference(engine->stage("embed"), exact->stage("embed")).most_absolute, 1e-4);
     EXPECT_LT(difference(got.poses, wanted.poses).most_absolute, 1e-4);
   }
+}
+
+TEST(OneDnnEngine, TakesTheWindowsBackgroundOff) { expect_against_backgrounds(preset_config("micro")); }
+
+TEST(OneDnnEngine, TokensMayTellOfTheBackground) {
+  NetworkConfig config = preset_config("micro");
+  config.background_conditioning = true;
+  expect_against_backgrounds(config);
+  expect_equal_stages(init_random(config, 7, HeadInit::random), all_links());  // of none
 }
 
 TEST(OneDnnEngine, ParityFormRefinesOnceForAll) {

@@ -301,8 +301,10 @@ class OnnxEvaluator {
         {"Slice", [&] { return slice(node); }},
         {"Concat",
          [&] {
-           return concatenated(in(node, 0), in(node, 1),
-                               static_cast<std::size_t>(attribute(node, "axis").i()));
+           Tensor all = in(node, 0);
+           for (int i = 1; i < node.input_size(); ++i)
+             all = concatenated(all, in(node, i), static_cast<std::size_t>(attribute(node, "axis").i()));
+           return all;
          }},
         {"ReduceSum", [&] { return reduce_sum(in(node, 0), in(node, 1)); }},
         {"ArgMax", [&] { return arg_max(node); }},

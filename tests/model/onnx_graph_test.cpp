@@ -92,10 +92,18 @@ TEST(OnnxGraph, ComputesTheNetwork) {
 }
 
 TEST(OnnxGraph, ChoosesTheBackground) {
-  const auto model = model_with_backgrounds(micro(true, 1, 1));
-  for (const std::uint64_t seed : {1, 2}) {
-    const auto x = testing::window_before(testing::made_up_background("", seed), 7);
-    expect_same(*model, model, x, 5e-5);  // departures are sums of many numbers, in float and in double
+  for (const bool told : {false, true}) {
+    NetworkConfig config = micro(true, 1, 1);
+    config.background_conditioning = told;
+    const auto model = model_with_backgrounds(config);
+    for (const std::uint64_t seed : {1, 2}) {
+      const auto x = testing::window_before(testing::made_up_background("", seed), 7);
+      expect_same(*model, model, x, 5e-5);  // departures are sums of many numbers, in float and in double
+    }
+    if (!told) continue;
+    onnx::checker::check_model(parsed(*model));
+    const auto without = scaled_model(config);
+    expect_same(*without, without, window());
   }
 }
 

@@ -2,11 +2,15 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
+#include <optional>
 
 #include "model/engine.h"
 #include "model/model.h"
 #include "model/reference.h"
+#include "tests/model/made_up_background.h"
 
 namespace csipose {
 namespace {
@@ -144,6 +148,48 @@ TEST(ReferenceEngine, QueriesThatSeeTheirProposalsAnswerOtherwise) {
   EXPECT_EQ(poses(config, HeadInit::zero), poses(preset_config("micro"), HeadInit::zero))
       << "weights of 0 say nothing";
   EXPECT_NE(poses(config, HeadInit::random), poses(preset_config("micro"), HeadInit::random));
+}
+
+/// Micro weights against `background`, and the same whose tokens also tell its mobility: each number of it is added to each of the
+/// embedding, times `weight`.
+std::vector<float> embedding_of(const Background& background, const std::vector<float>& x,
+                                std::optional<float> weight) {
+  NetworkConfig config = preset_config("micro");
+  const auto plain = SafetensorsFile::parse(random_weights(config, 5, HeadInit::random), "plain");
+  std::vector<TensorView> tensors = plain.tensors();
+  std::map<std::string, std::string> metadata = plain.metadata();
+  std::vector<float> wide;
+  if (weight) {
+    config.background_conditioning = true;
+    metadata["config"] = to_json(config);
+    for (TensorView& view : tensors) {
+      if (view.name != "encoder.patch_embed.proj.weight") continue;
+      const std::vector<float> narrow = to_floats(view);
+      for (std::size_t row = 0; row < config.dim; ++row) {
+        wide.insert(wide.end(), &narrow[row * kChannels], &narrow[row * kChannels] + kChannels);
+        wide.insert(wide.end(), kChannels, *weight);
+      }
+      view.shape[1] = 2 * kChannels;
+      view.bytes = ByteView(wide.data(), wide.size() * sizeof(float));
+    }
+  }
+  const auto engine =
+      make_reference_engine(testing::with_backgrounds(pack_safetensors(metadata, tensors), {background}));
+  engine->run(x, all_links());
+  return copy(engine->stage("embed"));
+}
+
+TEST(ReferenceEngine, TokensMayTellOfTheBackground) {
+  const Background hall = testing::made_up_background("hall", 2);
+  const std::vector<float> x = testing::window_before(hall, 1), plain = embedding_of(hall, x, {}),
+                           told = embedding_of(hall, x, 0.5f);
+  EXPECT_EQ(embedding_of(hall, x, 0.f), plain);
+  const auto moves = mobility(hall);
+  std::array<double, kLinks> sums{};
+  for (std::size_t e = 0; e < kElements; ++e) sums[e % kLinks] += static_cast<double>(moves[e]);
+  const std::size_t dim = plain.size() / kTokens;
+  for (std::size_t i = 0; i < plain.size(); ++i)
+    ASSERT_NEAR(told[i] - plain[i], 0.5 * sums[i / dim % kLinks], 1e-4) << i;
 }
 
 TEST(ReferenceEngine, SigmaIsAboveAMillimetreAndOnlyThereWithItsHead) {

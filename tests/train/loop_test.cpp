@@ -421,20 +421,60 @@ TEST_F(Runs, WindowsAreScaledByTheirInstallations) {
 
   // What is written is what the daemon's side reads and does.
   fs::create_directories(folder_);
-  Weights weights = untrained_weights(preset_config("micro"), 1);
-  set_normalisation(weights, scaling);
-  write_weights(folder_ / "w.safetensors", weights);
-  const auto engine = make_reference_engine(Model::load(folder_ / "w.safetensors"));
-  std::vector<float> x(kChannels * kTokens);
-  for (const std::uint64_t window : {5, 205}) {
-    pool.read(window, x);
-    const NetworkOutput theirs = engine->run(x, LinkSet().set());
-    const at::Tensor ours =
-        infer(weights.parameters, weights.config, pool.tokens(std::array{window}), {}, Numerics{})
-            .joints.flatten();
-    for (std::int64_t i = 0; i < ours.numel(); ++i)
-      ASSERT_NEAR(ours[i].item<float>(), theirs.poses[static_cast<std::size_t>(i)], 1e-4);
+  for (const bool told : {false, true}) {
+    NetworkConfig config = preset_config("micro");
+    config.background_conditioning = told;
+    pool.give_for(config);
+    Weights weights = untrained_weights(config, 1);
+    set_normalisation(weights, scaling);
+    write_weights(folder_ / "w.safetensors", weights);
+    const auto engine = make_reference_engine(Model::load(folder_ / "w.safetensors"));
+    std::vector<float> x(kChannels * kTokens);
+    for (const std::uint64_t window : {5, 205}) {
+      pool.read(window, x);
+      const NetworkOutput theirs = engine->run(x, LinkSet().set());
+      const at::Tensor ours =
+          infer(weights.parameters, weights.config, pool.tokens(std::array{window}), {}, Numerics{})
+              .joints.flatten();
+      for (std::int64_t i = 0; i < ours.numel(); ++i)
+        ASSERT_NEAR(ours[i].item<float>(), theirs.poses[static_cast<std::size_t>(i)], 1e-4);
+    }
   }
+}
+
+// What was learnt without being told of backgrounds goes on as it was, and learns of them.
+TEST_F(Runs, ARunMayBeginToTellOfBackgrounds) {
+  const auto made = [] {
+    return Pool({std::make_shared<Installed>(40, 1, 0.2, "here"),
+                 std::make_shared<Installed>(40, 3, 2.5, "elsewhere")});
+  };
+  Pool first = made();
+  RunSettings settings = in("untold");
+  settings.data.hold_out = 0.1;
+  settings.data.norm = "background";
+  finetune(settings, first, Workers());
+  settings.finetune.init = (folder_ / "untold/last.safetensors").string();
+  settings.run.out = (folder_ / "told").string();
+  settings.network.background_conditioning = true;
+  settings.finetune.lr = 1e-12;
+  settings.finetune.weight_decay = 0;
+  Pool second = made();
+  finetune(settings, second, Workers());
+  const auto weight = [&](const char* run) {
+    return read_weights(folder_ / run / "last.safetensors").parameters["encoder.patch_embed.proj.weight"];
+  };
+  EXPECT_LT((weight("told").narrow(1, 0, kChannels) - weight("untold")).abs().max().item<float>(), 1e-8f);
+  EXPECT_LT(weight("told").narrow(1, kChannels, kChannels).abs().max().item<float>(), 1e-8f);
+
+  settings.finetune.lr = 1e-3;
+  settings.run.out = (folder_ / "learnt").string();
+  finetune(settings, second, Workers());
+  EXPECT_GT(weight("learnt").narrow(1, kChannels, kChannels).abs().max().item<float>(), 0);
+
+  settings.data.norm = "corpus";
+  settings.run.out = (folder_ / "without").string();
+  EXPECT_THROW(finetune(settings, second, Workers()), SetupError);
+  EXPECT_THROW(pretrain(settings, second, Workers()), SetupError);
 }
 
 TEST(Pool, RefusesABackgroundThatDoesNotVary) {
