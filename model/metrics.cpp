@@ -137,8 +137,9 @@ std::vector<std::size_t> match_greedily(std::span<const Skeleton> predicted,
   return matches;
 }
 
+/// Pairs further apart than `limit_m` do not count.
 std::vector<std::size_t> match_optimally(std::span<const Skeleton> predicted,
-                                         std::span<const Skeleton> people) {
+                                         std::span<const Skeleton> people, double limit_m) {
   std::vector<std::size_t> matches(people.size(), kMissed);
   if (predicted.empty() || people.empty()) return matches;
   std::vector<double> cost_m;
@@ -147,7 +148,7 @@ std::vector<std::size_t> match_optimally(std::span<const Skeleton> predicted,
   Assignment assignment(people.size(), predicted.size());
   const auto columns = assignment.solve(cost_m, people.size(), predicted.size());
   for (std::size_t j = 0; j < people.size(); ++j)
-    if (columns[j] != kUnassigned && cost_m[j * predicted.size() + columns[j]] <= kTooFar_m)
+    if (columns[j] != kUnassigned && cost_m[j * predicted.size() + columns[j]] <= limit_m)
       matches[j] = columns[j];
   return matches;
 }
@@ -201,9 +202,22 @@ PoseErrors pose_errors(const Skeleton& predicted, const Skeleton& person) {
   return result;
 }
 
+std::string_view name_of(Protocol protocol) {
+  switch (protocol) {
+    case Protocol::piw3d:
+      return "piw3d";
+    case Protocol::detect:
+      return "detect";
+    case Protocol::assigned:
+      break;
+  }
+  return "assigned";
+}
+
 std::vector<std::size_t> match(Protocol protocol, std::span<const Skeleton> predicted,
                                std::span<const Skeleton> people) {
-  return protocol == Protocol::piw3d ? match_greedily(predicted, people) : match_optimally(predicted, people);
+  if (protocol == Protocol::piw3d) return match_greedily(predicted, people);
+  return match_optimally(predicted, people, protocol == Protocol::detect ? kTooFar_m : HUGE_VAL);
 }
 
 double GroupMetrics::precision() const { return ratio(matched, predicted); }
@@ -293,7 +307,7 @@ nlohmann::ordered_json group_json(const GroupMetrics& group, Protocol protocol) 
 std::string metrics_json(const Metrics& metrics) {
   const GroupMetrics all = metrics.all();
   nlohmann::ordered_json json;
-  json["protocol"] = metrics.protocol() == Protocol::piw3d ? "piw3d" : "detect";
+  json["protocol"] = name_of(metrics.protocol());
   json["n_frames"] = all.frames;
   json["all"] = group_json(all, metrics.protocol());
   for (const auto& [count, group] : metrics.by_count())

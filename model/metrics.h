@@ -1,11 +1,12 @@
 // model/metrics.h - how far predicted people are from labelled ones: the figures by which methods are compared.
 //
-// Two ways to say which prediction belongs to which person:
-//   piw3d   Person-in-WiFi 3D's: all predictions, no threshold; the nearest pair first, each once; a person
-//           left over is scored against the last prediction. False positives cost nothing: an oracle over
-//           all hypotheses.
-//   detect  what a user sees: optimal assignment of those predictions that passed threshold and pose-NMS;
-//           pairs further apart than 0.5 m do not count.
+// Three ways to say which prediction belongs to which person:
+//   piw3d     Person-in-WiFi 3D's: all predictions, no threshold; the nearest pair first, each once; a person
+//             left over is scored against the last prediction. False positives cost nothing: an oracle over
+//             all hypotheses.
+//   detect    what a user sees: optimal assignment of those predictions that passed threshold and pose-NMS;
+//             pairs further apart than 0.5 m do not count.
+//   assigned  of fixed answers, as many as there are people: optimal assignment, however far.
 // Errors are in the coordinates of the label, millimetres. Means go over the people of a frame, then over
 // frames; frames in which nobody is matched are not in the mean, but are counted.
 // Source: aiotgroup/Person-in-WiFi-3D-repo (calc_mpjpe), cseeyangchen/DT-Pose (PCK); Horn 1987 (alignment).
@@ -16,13 +17,15 @@
 #include <map>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "proto/pose.h"
 
 namespace csipose {
 
-enum class Protocol { piw3d, detect };
+enum class Protocol { piw3d, detect, assigned };
+std::string_view name_of(Protocol protocol);
 
 /// Share of joints within a distance, percent. torso: times right shoulder to left hip; elbows: times elbow
 /// to elbow (what DT-Pose's code measures on this data set); mm: as it stands.

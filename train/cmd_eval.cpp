@@ -33,6 +33,11 @@ struct Options {
   bool drop_receivers = false;
 };
 
+struct NamedFigures {
+  std::string name;
+  Figures figures;
+};
+
 /// All links; with drop_receivers also every choice of one and of two receivers without theirs.
 std::vector<std::pair<std::string, LinkSet>> link_choices(bool drop_receivers) {
   std::vector<std::pair<std::string, LinkSet>> choices = {{"model", LinkSet().set()}};
@@ -68,16 +73,23 @@ void print_row(const std::string& name, const Metrics& metrics) {
   fmt::print("\n");
 }
 
-void print_table(Protocol protocol, const std::vector<NamedFigures>& rows) {
-  fmt::print("\n{}\n{:16}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>9}",
-             protocol == Protocol::piw3d
-                 ? "piw3d: all hypotheses, no threshold, false positives cost nothing (mm, %)"
-                 : "detect: score 0.30, pose-NMS, pairs within 0.5 m (mm, %)",
-             "", "MPJPE", "1", "2", "3", "PA", "PCK20", "PCK50", "pen.500");
+void print_head(const char* title, Protocol protocol) {
+  fmt::print("\n{}\n{:16}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>9}", title, "", "MPJPE", "1", "2", "3", "PA",
+             "PCK20", "PCK50", "pen.500");
   if (protocol == Protocol::detect) fmt::print("{:>8}{:>8}{:>8}", "prec.", "recall", "count");
   fmt::print("\n");
-  for (const NamedFigures& row : rows)
-    print_row(row.name, protocol == Protocol::piw3d ? row.figures.piw3d : row.figures.detect);
+}
+
+void print_tables(const std::vector<NamedFigures>& rows, const std::vector<TrivialFigures>& trivial) {
+  print_head("detect: score 0.30, pose-NMS, pairs within 0.5 m (mm, %)", Protocol::detect);
+  for (const NamedFigures& row : rows) print_row(row.name, row.figures.detect);
+  print_head("piw3d: all hypotheses, no threshold, false positives cost nothing (mm, %)", Protocol::piw3d);
+  for (const NamedFigures& row : rows) print_row(row.name, row.figures.piw3d);
+  print_head("trivial answers, told how many people there are: optimal assignment, however far (mm, %)",
+             Protocol::assigned);
+  for (const TrivialFigures& row : trivial) print_row(row.name, row.assigned);
+  print_head("trivial answers, pairs within 0.5 m only (mm, %)", Protocol::detect);
+  for (const TrivialFigures& row : trivial) print_row(row.name, row.detect);
 }
 
 /// How far stated probabilities are from what came true; only rows that state some.
@@ -101,8 +113,13 @@ nlohmann::ordered_json reliability_json(const Reliability& stated) {
   return {{"stated", stated.count()}, {"ece", stated.expected_error()}};
 }
 
+void put(nlohmann::ordered_json& results, const Metrics& metrics) {
+  results[std::string(name_of(metrics.protocol()))] = nlohmann::ordered_json::parse(metrics_json(metrics));
+}
+
 nlohmann::ordered_json report_of(const Options& options, const Model& model, const Engine& engine,
-                                 const std::vector<NamedFigures>& rows) {
+                                 const std::vector<NamedFigures>& rows,
+                                 const std::vector<TrivialFigures>& trivial) {
   nlohmann::ordered_json report;
   report["model"] = model.file_name();
   report["sha256"] = model.digest();
@@ -112,13 +129,16 @@ nlohmann::ordered_json report_of(const Options& options, const Model& model, con
   report["training_data"] = options.training;
   for (const NamedFigures& row : rows) {
     nlohmann::ordered_json& results = report["results"][row.name];
-    for (const Metrics* metrics : {&row.figures.piw3d, &row.figures.detect}) {
-      nlohmann::ordered_json json = nlohmann::ordered_json::parse(metrics_json(*metrics));
-      results[json["protocol"].get<std::string>()] = json;
-    }
+    put(results, row.figures.piw3d);
+    put(results, row.figures.detect);
     if (row.figures.score.count() > 0) results["calibration"]["score"] = reliability_json(row.figures.score);
     if (row.figures.joints.count() > 0)
       results["calibration"]["joints"] = reliability_json(row.figures.joints);
+  }
+  for (const TrivialFigures& row : trivial) {
+    nlohmann::ordered_json& results = report["results"][row.name];
+    put(results, row.assigned);
+    put(results, row.detect);
   }
   return report;
 }
@@ -161,12 +181,9 @@ struct Seen {
 };
 
 void write_pictures(const Options& options, const EvaluationSet& set, const Seen& seen,
-                    const std::vector<NamedFigures>& rows) {
+                    const std::vector<NamedMetrics>& by_count) {
   const std::string title =
       fmt::format("{} on {}", std::filesystem::path(options.model).filename().string(), set.windows->name());
-  std::vector<NamedFigures> compared = {rows.front()};
-  for (const NamedFigures& row : rows)
-    if (row.name == "mean_at_room" || row.name == "mean_at_root") compared.push_back(row);
   const std::filesystem::path folder = options.out;
   const auto write = [&](const char* name, const cv::Mat& picture) {
     std::vector<std::uint8_t> png;
@@ -175,7 +192,7 @@ void write_pictures(const Options& options, const EvaluationSet& set, const Seen
   };
   write("skeletons.png", draw_sheet(seen.answers, title));
   write("joints.png", draw_joint_errors(seen.detections, title));
-  write("counts.png", draw_error_by_count(compared, title));
+  write("counts.png", draw_error_by_count(by_count, title));
 }
 
 void run(const Options& options) {
@@ -196,16 +213,17 @@ void run(const Options& options) {
                         fmt::print(stderr, "\r{} {}/{} ", what, answer.window, set.windows->size());
                     })});
   if (watched) fmt::print(stderr, "\r\033[K");
-  for (NamedFigures& row : evaluate_trivial(training, set, model->model_to_room()))
-    rows.push_back(std::move(row));
-  print_table(Protocol::detect, rows);
-  print_table(Protocol::piw3d, rows);
+  const std::vector<TrivialFigures> trivial = evaluate_trivial(training, set, model->model_to_room());
+  print_tables(rows, trivial);
   print_reliability(rows);
-  const nlohmann::ordered_json report = report_of(options, *model, *engine, rows);
+  const nlohmann::ordered_json report = report_of(options, *model, *engine, rows, trivial);
   if (!options.expected.empty()) compare_with_expected(options, report);
   if (options.out.empty()) return;
   write_file_atomically(std::filesystem::path(options.out) / "metrics.json", ByteView(report.dump(1) + "\n"));
-  write_pictures(options, set, seen, rows);
+  std::vector<NamedMetrics> by_count = {{rows.front().name, rows.front().figures.detect}};
+  for (const TrivialFigures& row : trivial)
+    if (row.name == "mean_at_room" || row.name == "mean_at_root") by_count.push_back({row.name, row.detect});
+  write_pictures(options, set, seen, by_count);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -92,8 +93,8 @@ TrainingMeans means_of(const EvaluationSet& training, const RoomTransform& model
   return means;
 }
 
-void add(Figures& figures, std::span<const Skeleton> predicted, std::span<const Skeleton> people) {
-  figures.piw3d.add(predicted, people);
+void add(TrivialFigures& figures, std::span<const Skeleton> predicted, std::span<const Skeleton> people) {
+  figures.assigned.add(predicted, people);
   figures.detect.add(predicted, people);
 }
 
@@ -237,11 +238,12 @@ Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& 
   return figures;
 }
 
-std::vector<NamedFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
-                                           const RoomTransform& model_to_room) {
+std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
+                                             const RoomTransform& model_to_room) {
   const TrainingMeans means = means_of(training, model_to_room);
-  std::vector<NamedFigures> named = {
-      {"mean_pose", {}}, {"mean_at_room", {}}, {"mean_at_root", {}}, {"last_pose", {}}};
+  std::vector<TrivialFigures> trivial(4);
+  for (std::size_t i = 0; i < trivial.size(); ++i)
+    trivial[i].name = std::array{"mean_pose", "mean_at_room", "mean_at_root", "last_pose"}[i];
   std::vector<Skeleton> last;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     const std::vector<Skeleton> people = in_room(model_to_room, set.windows->people(i));
@@ -251,13 +253,13 @@ std::vector<NamedFigures> evaluate_trivial(const EvaluationSet& training, const 
     std::vector<Skeleton> at_roots;
     for (const Skeleton& person : people) at_roots.push_back(moved(means.about_root, root_of(person)));
     if (i == 0 || set.windows->clip(i) != set.windows->clip(i - 1)) last.clear();
-    add(named[0].figures, std::vector<Skeleton>(people.size(), means.absolute), people);
-    add(named[1].figures, std::vector<Skeleton>(people.size(), at_room), people);
-    add(named[2].figures, at_roots, people);
-    add(named[3].figures, last, people);
+    add(trivial[0], std::vector<Skeleton>(people.size(), means.absolute), people);
+    add(trivial[1], std::vector<Skeleton>(people.size(), at_room), people);
+    add(trivial[2], at_roots, people);
+    add(trivial[3], last, people);
     last = people;
   }
-  return named;
+  return trivial;
 }
 
 }  // namespace csipose::train

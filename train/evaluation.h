@@ -5,7 +5,9 @@
 //   detect   those that model/postprocess.h gives: raw score at least 0.30, pose-NMS 0.25 m, at most 10
 //
 // Everything is compared in the room frame, where the daemon's answers are: turning or mirroring both sides
-// keeps every distance. The trivial answers know how many people there are, and some where:
+// keeps every distance. The trivial answers know how many people there are, and some where. Whatever stands beside them, they are
+// judged by optimal assignment without a limit: within a half metre, a guess that is nearly always far off would be judged by
+// the few people who happen to be near it.
 //   mean_pose       mean pose of the training set, where it was on average
 //   mean_at_room    mean pose about its root, placed at the mean root of the training people of that room
 //   mean_at_root    mean pose about its root, placed at each person's true root
@@ -71,12 +73,13 @@ struct Figures {
 Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
                        const std::function<void(const Answer&)>& watch = {});
 
-struct NamedFigures {
+struct TrivialFigures {
   std::string name;
-  Figures figures;
+  Metrics assigned{Protocol::assigned};
+  Metrics detect{Protocol::detect};  ///< of those within its half metre, all the same
 };
 /// The four trivial answers to `set`, with means from `training`.
-std::vector<NamedFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
-                                           const RoomTransform& model_to_room);
+std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
+                                             const RoomTransform& model_to_room);
 
 }  // namespace csipose::train

@@ -184,7 +184,7 @@ struct Bars {
   std::map<std::size_t, double> mm;
 };
 
-std::vector<Bars> bars_of(std::span<const NamedFigures> rows) {
+std::vector<Bars> bars_of(std::span<const NamedMetrics> rows) {
   static const std::array<std::array<Ink, 2>, 3> kInks = {{{kLeftInk, Ink(225, 185, 135)},
                                                            {Ink(120, 115, 110), Ink(190, 186, 182)},
                                                            {Ink(70, 130, 60), Ink(165, 200, 160)}}};
@@ -192,7 +192,7 @@ std::vector<Bars> bars_of(std::span<const NamedFigures> rows) {
   for (std::size_t r = 0; r < rows.size(); ++r) {
     Bars matched{rows[r].name + ", those matched", kInks[r % kInks.size()][0], {}};
     Bars penalised{rows[r].name + ", missed = 500 mm", kInks[r % kInks.size()][1], {}};
-    for (const auto& [count, group] : rows[r].figures.detect.by_count()) {
+    for (const auto& [count, group] : rows[r].detect.by_count()) {
       if (count == 0) continue;
       matched.mm[count] = group.person_mean.mpjpe;
       penalised.mm[count] = group.penalised_500;
@@ -275,11 +275,11 @@ cv::Mat draw_joint_errors(std::span<const Detection> detections, const std::stri
   return page.picture();
 }
 
-cv::Mat draw_error_by_count(std::span<const NamedFigures> rows, const std::string& title) {
+cv::Mat draw_error_by_count(std::span<const NamedMetrics> rows, const std::string& title) {
   constexpr double kHeight = 300, kBar = 46, kBetween = 70, kLeft = 70;
   const std::vector<Bars> bars = bars_of(rows);
   std::map<std::size_t, GroupMetrics> groups;
-  if (!rows.empty()) groups = rows.front().figures.detect.by_count();
+  if (!rows.empty()) groups = rows.front().detect.by_count();
   groups.erase(0);
   const double group = kBar * static_cast<double>(bars.size()) + kBetween, top_mm = top_of(bars);
   const double width = std::max(900.0, kLeft + group * static_cast<double>(groups.size()) + kMargin);

@@ -23,8 +23,12 @@ cv::Mat draw_sheet(std::span<const Answer> answers, const std::string& title);
 /// A histogram of errors per joint, over the people that `detect` matched; said so where there are none.
 cv::Mat draw_joint_errors(std::span<const Detection> detections, const std::string& title);
 
+struct NamedMetrics {
+  std::string name;
+  Metrics detect;
+};
 /// Mean error of `detect` by the number of people who are there, a bar for each row and beside it one in which everybody
 /// missed counts 500 mm.
-cv::Mat draw_error_by_count(std::span<const NamedFigures> rows, const std::string& title);
+cv::Mat draw_error_by_count(std::span<const NamedMetrics> rows, const std::string& title);
 
 }  // namespace csipose::train

@@ -68,6 +68,14 @@ TEST(Match, GreedyTakesTheNearestPairFirstAndOptimalTheLeastSum) {
   const std::vector<Skeleton> predicted = {moved(Skeleton{}, {0.2f, 0, 0}), moved(Skeleton{}, {0.45f, 0, 0})};
   EXPECT_EQ(match(Protocol::piw3d, predicted, people), (std::vector<std::size_t>{1, 0}));
   EXPECT_EQ(match(Protocol::detect, predicted, people), (std::vector<std::size_t>{0, 1}));
+  EXPECT_EQ(match(Protocol::assigned, predicted, people), (std::vector<std::size_t>{0, 1}));
+}
+
+TEST(Match, FixedAnswersAreAssignedHoweverFar) {
+  const std::vector<Skeleton> people = {Skeleton{}, moved(Skeleton{}, {3, 0, 0})};
+  const std::vector<Skeleton> fixed(2, moved(Skeleton{}, {-9, 0, 0}));
+  EXPECT_EQ(match(Protocol::assigned, fixed, people), (std::vector<std::size_t>{0, 1}));
+  EXPECT_EQ(match(Protocol::detect, fixed, people), (std::vector<std::size_t>{kMissed, kMissed}));
 }
 
 TEST(Match, TooFewPredictions) {
@@ -75,6 +83,7 @@ TEST(Match, TooFewPredictions) {
   const std::vector<Skeleton> one = {Skeleton{}};
   EXPECT_EQ(match(Protocol::piw3d, one, people), (std::vector<std::size_t>{0, 0}));
   EXPECT_EQ(match(Protocol::detect, one, people), (std::vector<std::size_t>{0, kMissed}));
+  EXPECT_EQ(match(Protocol::assigned, one, people), (std::vector<std::size_t>{0, kMissed}));
   EXPECT_EQ(match(Protocol::piw3d, {}, people), (std::vector<std::size_t>{kMissed, kMissed}));
 }
 

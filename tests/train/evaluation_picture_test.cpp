@@ -97,10 +97,10 @@ TEST(JointErrors, ABarStandsOverItsErrors) {
 }
 
 TEST(ErrorByCount, BarsAreAsHighAsTheError) {
-  std::vector<NamedFigures> rows = {{"model", {}}};
+  std::vector<NamedMetrics> rows = {{"model", Metrics(Protocol::detect)}};
   Skeleton aside = standing(0);
   for (Point3& joint : aside) joint.y += 0.15f;
-  rows[0].figures.detect.add({{aside}}, {{standing(0)}});
+  rows[0].detect.add({{aside}}, {{standing(0)}});
   const cv::Mat picture = draw_error_by_count(rows, "model");
   int highest = 0;
   for (int x = 0; x < picture.cols; ++x)

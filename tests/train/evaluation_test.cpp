@@ -45,9 +45,9 @@ Skeleton standing(float x, float y) {
 EvaluationSet set_of(const std::shared_ptr<MadeUp>& windows, std::vector<std::uint8_t> rooms) {
   return {windows, std::move(rooms)};
 }
-const Metrics& piw3d(const std::vector<NamedFigures>& rows, const std::string& name) {
-  for (const NamedFigures& row : rows)
-    if (row.name == name) return row.figures.piw3d;
+const TrivialFigures& figures_of(const std::vector<TrivialFigures>& rows, const std::string& name) {
+  for (const TrivialFigures& row : rows)
+    if (row.name == name) return row;
   throw std::runtime_error("no row " + name);
 }
 
@@ -171,12 +171,13 @@ TEST(EvaluateTrivial, ClosedForms) {
       std::vector<std::uint64_t>{7, 7, 8});
   const auto rows =
       evaluate_trivial(set_of(training, {0, 0, 1}), set_of(windows, {0, 0, 1}), kIdentityTransform);
-  EXPECT_NEAR(piw3d(rows, "mean_at_root").all().frame_mean.mpjpe, 0, 1e-3);
-  EXPECT_NEAR(piw3d(rows, "mean_at_room").all().frame_mean.mpjpe, (300 + 500 + 100) / 3., 1e-3);
+  EXPECT_NEAR(figures_of(rows, "mean_at_root").assigned.all().frame_mean.mpjpe, 0, 1e-3);
+  EXPECT_NEAR(figures_of(rows, "mean_at_room").assigned.all().frame_mean.mpjpe, (300 + 500 + 100) / 3., 1e-3);
   const double far =
       1000. * (std::hypot(4 / 3., 0.3) + std::hypot(4 / 3., 0.5) + std::hypot(8 / 3., 0.1)) / 3;
-  EXPECT_NEAR(piw3d(rows, "mean_pose").all().frame_mean.mpjpe, far, 1e-2);
-  const GroupMetrics last = piw3d(rows, "last_pose").all();
+  EXPECT_NEAR(figures_of(rows, "mean_pose").assigned.all().frame_mean.mpjpe, far, 1e-2);
+  EXPECT_EQ(figures_of(rows, "mean_pose").detect.all().matched, 0u) << "nobody is within half a metre of it";
+  const GroupMetrics last = figures_of(rows, "last_pose").assigned.all();
   EXPECT_NEAR(last.frame_mean.mpjpe, 200, 1e-3);
   EXPECT_EQ(last.frames_unmatched, 2u) << "first windows of clips have no window before them";
 }
