@@ -14,7 +14,8 @@
 
 namespace csipose {
 
-class Model;  // model/model.h: configuration, weights, metadata, digest
+class Model;        // model/model.h: configuration, weights, metadata, digest
+struct Background;  // model/normalisation.h
 
 enum class Precision : std::uint8_t { f32, bf16, int8 };
 
@@ -30,8 +31,11 @@ class Engine {
  public:
   virtual ~Engine() = default;
   /// x: [60][20][9] as Window::x, not normalised. `links` are encoded, the others are left out of the sequence; at least
-  /// one must be set. Same input, same bits, for one engine, precision and thread count.
-  virtual NetworkOutput run(std::span<const float> x, LinkSet links) = 0;
+  /// one must be set. `background` is the installation's, one of the model's; nullptr: the nearest to this window alone, where the
+  /// model has any. Same input, same bits, for one engine, precision and thread count.
+  NetworkOutput run(std::span<const float> x, LinkSet links, const Background* background = nullptr) {
+    return infer(x, links, background);
+  }
   /// Output of a named stage of the last run ("embed", "block0" .., "encoder", "memory", "enc_cls", "enc_kpt", "topk",
   /// "layer0" .., "cls", "kpt", "refined"), for comparisons; empty when this engine does not keep it.
   virtual std::span<const float> stage(const std::string& name) const = 0;
@@ -40,6 +44,9 @@ class Engine {
   virtual std::string describe() const = 0;
   /// What was decided at start and why, with measured times: for the log, never for frames.
   virtual std::string notes() const { return {}; }
+
+ private:
+  virtual NetworkOutput infer(std::span<const float> x, LinkSet links, const Background* background) = 0;
 };
 
 /// Plain loops in f32, written to be read beside the specification; the oracle of all others. Slow.

@@ -9,7 +9,7 @@ namespace csipose {
 namespace {
 
 using Complex = std::complex<float>;
-using Sample = std::array<float, kElements>;
+using Sample = WindowSample;
 
 /// exp(-i slope (n - 14.5)).
 std::array<Complex, kSubcarriers> line(float slope) {
@@ -134,26 +134,34 @@ std::array<float, kElements> departures(const Background& background, std::span<
   return out;
 }
 
+Fit fit_of(const Background& background, std::span<const float> sample, LinkSet links) {
+  assert(links.any());
+  const Sample departed = departures(background, sample, links);
+  double squares = 0, surprise = 0;
+  for (std::size_t e = 0; e < kElements; ++e) {
+    if (!links[e % kLinks]) continue;
+    const auto deviation = static_cast<double>(background.deviation[e]);
+    const double square = std::pow(static_cast<double>(departed[e]) / deviation, 2);
+    squares += square;
+    surprise += kTailShape * std::log1p(square / kFreedom) + std::log(deviation);
+  }
+  return {squares / static_cast<double>(kChannels * links.count()), surprise};
+}
+
+WindowSample middle_sample(std::span<const float> x) { return sample_of(x, kSamples / 2); }
+
 NearestBackground nearest_background(const std::vector<Background>& backgrounds, std::span<const float> x,
                                      LinkSet links) {
   assert(x.size() == kChannels * kTokens && links.any());
   if (backgrounds.empty()) return {};
-  const Sample middle = sample_of(x, kSamples / 2);
+  const Sample middle = middle_sample(x);
   NearestBackground nearest;
   double least = HUGE_VAL;
   for (const Background& background : backgrounds) {
-    const Sample departed = departures(background, middle, links);
-    double squares = 0, surprise = 0;
-    for (std::size_t e = 0; e < kElements; ++e) {
-      if (!links[e % kLinks]) continue;
-      const auto deviation = static_cast<double>(background.deviation[e]);
-      const double square = std::pow(static_cast<double>(departed[e]) / deviation, 2);
-      squares += square;
-      surprise += kTailShape * std::log1p(square / kFreedom) + std::log(deviation);
-    }
-    if (nearest.background != nullptr && !(surprise < least)) continue;
-    least = surprise;
-    nearest = {&background, squares / static_cast<double>(kChannels * links.count())};
+    const Fit fit = fit_of(background, middle, links);
+    if (nearest.background != nullptr && !(fit.surprise < least)) continue;
+    least = fit.surprise;
+    nearest = {&background, fit.unlikeness};
   }
   return nearest;
 }

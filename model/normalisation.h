@@ -53,17 +53,30 @@ struct Normalisation {
   std::vector<Background> backgrounds{};  ///< not empty: the scalars are not used
 };
 
-/// The background of which the window's middle sample is likeliest to come, and how unlike it that is.
-struct NearestBackground {
-  const Background* background = nullptr;
-  /// Mean square of the departures, in units of the background's deviations: about 1 where it fits.
-  double unlikeness = 0;
-};
 // Somebody close to a link makes departures many times the usual: elements are taken as independent and of Student's t with three
 // degrees of freedom, whose density falls as (1 + z^2 / 3)^-2.
 inline constexpr double kFreedom = 3, kTailShape = (kFreedom + 1) / 2;
-/// Elements of the links `links` only. Of no background: nullptr. Costs departures() of one sample for
-/// each background.
+/// How well a sample goes with a background.
+struct Fit {
+  /// Mean square of the departures, in units of the background's deviations: about 1 where it fits.
+  double unlikeness = 0;
+  /// Less by x: likelier by exp(x), of samples with the same links.
+  double surprise = 0;
+};
+/// Elements of the links `links` only. Costs departures().
+Fit fit_of(const Background& background, std::span<const float> sample, LinkSet links);
+
+using WindowSample = std::array<float, kElements>;
+/// [c * 9 + l].
+WindowSample middle_sample(std::span<const float> x);
+
+/// The background of which the window's middle sample is likeliest to come, and how unlike it that is. Over many windows:
+/// model/installation_finder.h.
+struct NearestBackground {
+  const Background* background = nullptr;
+  double unlikeness = 0;  ///< as in Fit
+};
+/// Of no background: nullptr.
 NearestBackground nearest_background(const std::vector<Background>& backgrounds, std::span<const float> x,
                                      LinkSet links);
 

@@ -180,16 +180,16 @@ OneDnnEngine::OneDnnEngine(std::shared_ptr<const Model> model, Precision precisi
   add_note(gate_note(*model_, precision));
 }
 
-NetworkOutput OneDnnEngine::run(std::span<const float> x, LinkSet links) {
+NetworkOutput OneDnnEngine::infer(std::span<const float> x, LinkSet links, const Background* background) {
   context_.enter();
   probe_.start();
-  const void* features = encoder_.run(x, links, probe_);
+  const void* features = encoder_.run(x, links, background, probe_);
   return decoder_.run(features, kSamples * links.count(), probe_);
 }
 
 void OneDnnEngine::run_encoder(std::span<const float> x, LinkSet links) {
   context_.enter();
-  encoder_.run(x, links, probe_);
+  encoder_.run(x, links, nullptr, probe_);
 }
 
 void OneDnnEngine::warm_up() {

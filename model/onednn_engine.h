@@ -19,7 +19,6 @@ class OneDnnEngine final : public Engine {
   /// Of the options, `precision` and `keep_stages` are not looked at.
   OneDnnEngine(std::shared_ptr<const Model> model, Precision precision, const OneDnnOptions& options);
 
-  NetworkOutput run(std::span<const float> x, LinkSet links) override;
   std::span<const float> stage(const std::string& name) const override { return probe_.stage_values(name); }
   Precision precision() const override { return precision_; }
   std::string describe() const override;
@@ -34,6 +33,8 @@ class OneDnnEngine final : public Engine {
   Probe& probe() { return probe_; }
 
  private:
+  NetworkOutput infer(std::span<const float> x, LinkSet links, const Background* background) override;
+
   std::shared_ptr<const Model> model_;
   Precision precision_;
   OneDnnContext context_;

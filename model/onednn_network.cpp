@@ -222,8 +222,8 @@ void OneDnnEncoder::prepare(std::size_t tokens) {
 
 /// Normalised channels of the present links' tokens, and their position codes where the embedding will be
 /// added.
-void OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links) {
-  const Background* background = nearest_background(normalisation_.backgrounds, x, links).background;
+void OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links, const Background* background) {
+  if (background == nullptr) background = nearest_background(normalisation_.backgrounds, x, links).background;
   write_tokens(normalisation_, background, x, links,
                {tokens_.floats(), kSamples * links.count() * embed_.inputs()});
   float* residual = residual_.floats();
@@ -234,10 +234,11 @@ void OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links) {
   }
 }
 
-const void* OneDnnEncoder::run(std::span<const float> x, LinkSet links, Probe& probe) {
+const void* OneDnnEncoder::run(std::span<const float> x, LinkSet links, const Background* background,
+                               Probe& probe) {
   assert(x.size() == kChannels * kTokens && links.any());
   const std::size_t tokens = kSamples * links.count();
-  gather_tokens(x, links);
+  gather_tokens(x, links, background);
   embed_.run(tokens_.data(), residual_.data(), tokens);
   probe.stage("embed", view(residual_, tokens * dim_));
   for (std::size_t i = 0; i < blocks_.size(); ++i) {

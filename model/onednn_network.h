@@ -90,12 +90,12 @@ class OneDnnEncoder {
  public:
   OneDnnEncoder(OneDnnContext& context, const Model& model, const NumberPlan& plan);
   void prepare(std::size_t tokens);
-  /// x as in Engine::run. Returns [N][D] in the decoder's format, N = 20 * links.count().
-  const void* run(std::span<const float> x, LinkSet links, Probe& probe);
+  /// x and background as in Engine::run. Returns [N][D] in the decoder's format, N = 20 * links.count().
+  const void* run(std::span<const float> x, LinkSet links, const Background* background, Probe& probe);
   const std::string& implementation() const { return blocks_.front().implementation(); }
 
  private:
-  void gather_tokens(std::span<const float> x, LinkSet links);
+  void gather_tokens(std::span<const float> x, LinkSet links, const Background* background);
 
   OneDnnContext* context_;
   NumberPlan plan_;

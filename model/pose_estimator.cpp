@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "model/installation_finder.h"
 #include "model/model.h"
 #include "model/postprocess.h"
 #include "model/tracker.h"
@@ -36,36 +37,18 @@ bool is_finite(const Window& window) {
   return true;
 }
 
-/// How unlike the known backgrounds the windows of the last seconds were, on average: somebody close to a link makes single
-/// windows unlike any.
-class Familiarity {
- public:
-  /// The mean with this window.
-  double add(const Window& window, const std::vector<Background>& backgrounds) {
-    const double unlikeness = nearest_background(backgrounds, window.x, window.links).unlikeness;
-    const double passed_s = std::chrono::duration<double>(window.last_sample - last_).count();
-    last_ = window.last_sample;
-    weight_ = weight_ * std::exp(-std::clamp(passed_s, 0., 1e3) / kMemory_s) + 1;
-    mean_ += (unlikeness - mean_) / weight_;
-    return mean_;
-  }
-  void reset() { weight_ = mean_ = 0; }
-
- private:
-  static constexpr double kMemory_s = 10;
-  double weight_ = 0, mean_ = 0;
-  SteadyTime last_{};
-};
-
 }  // namespace
 
 struct PoseEstimator::State {
+  State(std::shared_ptr<const Model> of, std::unique_ptr<Engine> by)
+      : model(std::move(of)), engine(std::move(by)), installation(model->normalisation().backgrounds) {}
+
   std::shared_ptr<const Model> model;
   std::unique_ptr<Engine> engine;
   EstimatorConfig config;
   Tracker tracker;
   Estimate estimate;
-  Familiarity familiarity;
+  InstallationFinder installation;
 
   const Estimate& nobody(Reason reason) {
     estimate.people_count = 0;
@@ -76,9 +59,7 @@ struct PoseEstimator::State {
 
 PoseEstimator::PoseEstimator(std::shared_ptr<const Model> model, std::unique_ptr<Engine> engine,
                              const EstimatorConfig& config)
-    : state_(std::make_unique<State>()) {
-  state_->model = std::move(model);
-  state_->engine = std::move(engine);
+    : state_(std::make_unique<State>(std::move(model), std::move(engine))) {
   configure(config);
 }
 PoseEstimator::~PoseEstimator() = default;
@@ -94,9 +75,9 @@ const Estimate& PoseEstimator::estimate(const Window& window) {
   State& s = *state_;
   if (window.links.count() < s.model->demand().min_links) return s.nobody(Reason::too_few_links);
   if (!is_finite(window)) return s.nobody(Reason::nan_input);
-  if (s.familiarity.add(window, s.model->normalisation().backgrounds) > kMostUnlike)
-    return s.nobody(Reason::unknown_installation);
-  const NetworkOutput output = s.engine->run(window.x, window.links);
+  const NearestBackground here = s.installation.add(window.x, window.links, window.last_sample);
+  if (here.unlikeness > kMostUnlike) return s.nobody(Reason::unknown_installation);
+  const NetworkOutput output = s.engine->run(window.x, window.links, here.background);
   const Selection selection = {static_cast<std::size_t>(s.config.max_people), s.config.min_score,
                                s.config.nms_distance_m};
   const Selected selected = select_people(output, *s.model, selection, s.estimate.people);
@@ -110,7 +91,7 @@ const Estimate& PoseEstimator::estimate(const Window& window) {
 
 void PoseEstimator::reset() {
   state_->tracker.reset();
-  state_->familiarity.reset();
+  state_->installation.reset();
 }
 const Model& PoseEstimator::model() const { return *state_->model; }
 const Engine& PoseEstimator::engine() const { return *state_->engine; }

@@ -29,7 +29,7 @@ struct Estimate {
   Reasons reasons = 0;  ///< too_few_links, nan_input, unknown_installation: then people_count is 0
 };
 
-/// Of windows' unlikeness to the nearest background (model/normalisation.h), averaged over about ten seconds: above it the
+/// Of windows' unlikeness to the likeliest background, averaged over about ten seconds (model/installation_finder.h): above it the
 /// installation is none that the weights know. Measured on simulated windows: means over seven seconds of unseen clips in known
 /// installations reached 3.0, those over a third of a second after another powering up of the cards began at 3.4 (docs/training.md).
 inline constexpr double kMostUnlike = 3.2;
@@ -39,12 +39,12 @@ class PoseEstimator {
   PoseEstimator(std::shared_ptr<const Model> model, std::unique_ptr<Engine> engine,
                 const EstimatorConfig& config);
   ~PoseEstimator();
-  /// Runs the network on the window's present links. Fewer links than the model allows, numbers that are not finite, or
+  /// Runs the network on the window's present links, against the background of the installation that the last seconds came from. Fewer links than the model allows, numbers that are not finite, or
   /// an installation that the model does not know, give no people and the reason. Tracks age by `window.last_sample`.
   const Estimate& estimate(const Window& window);
   /// Takes new values of min_score, track, track_timeout, smoothing between two windows (configuration reload).
   void configure(const EstimatorConfig& config);
-  /// Forgets all tracks (data stopped: nobody is followed across the silence); ids are still never reused.
+  /// Forgets all tracks and the installation (data stopped: nobody is followed across the silence); ids are still never reused.
   void reset();
   const Model& model() const;
   const Engine& engine() const;

@@ -18,13 +18,23 @@ class ReferenceEngine final : public Engine {
  public:
   explicit ReferenceEngine(std::shared_ptr<const Model> model) : model_(std::move(model)) {}
 
-  NetworkOutput run(std::span<const float> x, LinkSet links) override {
+  std::span<const float> stage(const std::string& name) const override {
+    const auto found = stages_.find(name);
+    return found == stages_.end() ? std::span<const float>() : std::span<const float>(found->second);
+  }
+
+  Precision precision() const override { return Precision::f32; }
+  std::string describe() const override { return "reference, plain loops, f32 with sums in f64, 1 thread"; }
+
+ private:
+  NetworkOutput infer(std::span<const float> x, LinkSet links, const Background* background) override {
     assert(links.any());
     stages_.clear();
     const NetworkConfig& c = model_->config();
     const std::vector<std::size_t> visible = reference::visible_tokens(links);
-    const reference::EncoderOutput encoded = reference::encode(
-        model_->tensors(), "encoder.", {c.dim, c.depth, c.heads}, normalised_tokens(x, links), visible);
+    const reference::EncoderOutput encoded =
+        reference::encode(model_->tensors(), "encoder.", {c.dim, c.depth, c.heads},
+                          normalised_tokens(x, links, background), visible);
     const Matrix memory = reference::linear(encoded.tokens, model_->tensors(), "proj");
     const reference::DecoderShape shape = {c.decoder_heads,         c.decoder_layers, c.refine_layers,
                                            c.identity_conditioning, c.joint_sigma,    c.query_conditioning};
@@ -37,20 +47,12 @@ class ReferenceEngine final : public Engine {
     return {stages_["logits"], stages_["poses"], stages_["sigma"]};
   }
 
-  std::span<const float> stage(const std::string& name) const override {
-    const auto found = stages_.find(name);
-    return found == stages_.end() ? std::span<const float>() : std::span<const float>(found->second);
-  }
-
-  Precision precision() const override { return Precision::f32; }
-  std::string describe() const override { return "reference, plain loops, f32 with sums in f64, 1 thread"; }
-
- private:
-  Matrix normalised_tokens(std::span<const float> x, LinkSet links) const {
+  Matrix normalised_tokens(std::span<const float> x, LinkSet links, const Background* background) const {
     const Normalisation& n = model_->normalisation();
+    if (background == nullptr) background = nearest_background(n.backgrounds, x, links).background;
     const std::size_t numbers = model_->config().token_numbers();
     Matrix present(kSamples * links.count(), numbers), tokens(kTokens, numbers);
-    write_tokens(n, nearest_background(n.backgrounds, x, links).background, x, links, present.data);
+    write_tokens(n, background, x, links, present.data);
     std::size_t row = 0;
     for (const std::size_t token : reference::visible_tokens(links))
       std::copy_n(&present.data[row++ * numbers], numbers, &tokens.data[token * numbers]);

@@ -55,6 +55,11 @@ std::vector<std::pair<std::string, LinkSet>> link_choices(bool drop_receivers) {
   return choices;
 }
 
+/// Not a number without any.
+double percent(std::size_t part, std::size_t all) {
+  return 100 * static_cast<double>(part) / static_cast<double>(all);
+}
+
 std::string cell(double value) { return std::isnan(value) ? "-" : fmt::format("{:.1f}", value); }
 
 void print_row(const std::string& name, const Metrics& metrics) {
@@ -109,6 +114,28 @@ void print_reliability(const std::vector<NamedFigures>& rows) {
   }
 }
 
+/// Only of weights that know installations.
+void print_installations(const std::vector<NamedFigures>& rows) {
+  if (rows.front().figures.installations.windows == 0) return;
+  fmt::print(
+      "\nthe installation, from the windows of a clip so far (unlikeness; %)\n{:16}{:>8}{:>8}{:>9}{:>9}\n",
+      "", "mean", "most", "unknown", "another");
+  for (const NamedFigures& row : rows) {
+    const Installations& of = row.figures.installations;
+    fmt::print("{:16}{:>8.2f}{:>8.2f}{:>9}{:>9}\n", row.name,
+               of.unlikeness_sum / static_cast<double>(of.windows), of.greatest_unlikeness,
+               cell(percent(of.unknown, of.windows)), cell(percent(of.mistaken, of.named)));
+  }
+}
+
+nlohmann::ordered_json installations_json(const Installations& of) {
+  return {{"windows", of.windows},
+          {"mean_unlikeness", of.unlikeness_sum / static_cast<double>(of.windows)},
+          {"greatest_unlikeness", of.greatest_unlikeness},
+          {"unknown_percent", percent(of.unknown, of.windows)},
+          {"mistaken_percent", percent(of.mistaken, of.named)}};
+}
+
 nlohmann::ordered_json reliability_json(const Reliability& stated) {
   return {{"stated", stated.count()}, {"ece", stated.expected_error()}};
 }
@@ -131,6 +158,8 @@ nlohmann::ordered_json report_of(const Options& options, const Model& model, con
     nlohmann::ordered_json& results = report["results"][row.name];
     put(results, row.figures.piw3d);
     put(results, row.figures.detect);
+    if (row.figures.installations.windows > 0)
+      results["installations"] = installations_json(row.figures.installations);
     if (row.figures.score.count() > 0) results["calibration"]["score"] = reliability_json(row.figures.score);
     if (row.figures.joints.count() > 0)
       results["calibration"]["joints"] = reliability_json(row.figures.joints);
@@ -216,6 +245,7 @@ void run(const Options& options) {
   const std::vector<TrivialFigures> trivial = evaluate_trivial(training, set, model->model_to_room());
   print_tables(rows, trivial);
   print_reliability(rows);
+  print_installations(rows);
   const nlohmann::ordered_json report = report_of(options, *model, *engine, rows, trivial);
   if (!options.expected.empty()) compare_with_expected(options, report);
   if (options.out.empty()) return;

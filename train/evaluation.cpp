@@ -9,6 +9,8 @@
 #include <numeric>
 #include <utility>
 
+#include "model/installation_finder.h"
+#include "model/pose_estimator.h"
 #include "proto/result.h"
 #include "train/window_folder.h"
 
@@ -151,6 +153,7 @@ class JoinedWindows : public WindowSource {
   std::span<const Skeleton> people(std::size_t i) const override {
     return parts_[part(i)]->people(i - first_[part(i)]);
   }
+  std::string room(std::size_t i) const override { return parts_[part(i)]->room(i - first_[part(i)]); }
   std::uint64_t clip(std::size_t i) const override {
     return std::uint64_t{part(i)} << 32 | parts_[part(i)]->clip(i - first_[part(i)]);
   }
@@ -199,10 +202,16 @@ void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, Lin
   const float least = threshold(model.calibration());
   std::vector<float> x(kChannels * kTokens);
   std::array<Person, kMaxPeople> selected;
+  InstallationFinder installation(model.normalisation().backgrounds);
+  const auto window_time = std::chrono::duration_cast<Nanoseconds>(
+      std::chrono::duration<double>(static_cast<double>(kSamples) / model.demand().rate_hz));
+  SteadyTime now{};
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     set.windows->read(i, x);
-    const NetworkOutput output = engine.run(x, links);
-    Answer answer{i, in_room(model.model_to_room(), set.windows->people(i)), {}, {}, {}};
+    if (i == 0 || set.windows->clip(i) != set.windows->clip(i - 1)) installation.reset();
+    const NearestBackground here = installation.add(x, links, now += window_time);
+    const NetworkOutput output = engine.run(x, links, here.background);
+    Answer answer{i, here, in_room(model.model_to_room(), set.windows->people(i)), {}, {}, {}};
     for (std::size_t q = 0; q < output.logits.size(); ++q)
       answer.hypotheses.push_back(in_room(model.model_to_room(), output.poses.data() + q * 3 * kJoints));
     const Selected chosen = select_people(output, model, selection, selected);
@@ -220,12 +229,25 @@ void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, Lin
   }
 }
 
+void Installations::add(const NearestBackground& found, const Model& model, const std::string& name) {
+  if (found.background == nullptr) return;
+  ++windows;
+  unknown += found.unlikeness > kMostUnlike;
+  unlikeness_sum += found.unlikeness;
+  greatest_unlikeness = std::max(greatest_unlikeness, found.unlikeness);
+  const bool known = std::ranges::find(model.normalisation().backgrounds, name, &Background::name) !=
+                     model.normalisation().backgrounds.end();
+  named += known;
+  mistaken += known && found.background->name != name;
+}
+
 Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
                        const std::function<void(const Answer&)>& watch) {
   Figures figures;
   ask_model(engine, model, set, links, [&](const Answer& answer) {
     figures.piw3d.add(answer.hypotheses, answer.people);
     figures.detect.add(skeletons_of(answer.found), answer.people);
+    figures.installations.add(answer.installation, model, set.windows->room(answer.window));
     for (const Detection& detection : answer.found) {
       figures.score.add(static_cast<double>(detection.person.score), detection.match != kMissed);
       if (detection.match == kMissed || std::isnan(detection.person.confidence.front())) continue;

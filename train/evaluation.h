@@ -23,6 +23,7 @@
 #include "model/engine.h"
 #include "model/metrics.h"
 #include "model/model.h"
+#include "model/normalisation.h"
 #include "model/postprocess.h"
 #include "train/reliability.h"
 #include "train/window_source.h"
@@ -52,6 +53,7 @@ struct Detection {
 /// The model's answer to one window beside who was there; room frame.
 struct Answer {
   std::size_t window = 0;
+  NearestBackground installation;    ///< as the daemon has found it by then
   std::vector<Skeleton> people;      ///< labelled
   std::vector<Skeleton> hypotheses;  ///< every query's pose
   std::vector<Detection> found;      ///< whom `detect` gives and how it matches them, best first
@@ -59,12 +61,24 @@ struct Answer {
   /// to the people whom those found have left.
   std::vector<Detection> faint;
 };
-/// Asks about every window with only `links` encoded. Throws SetupError where the answer is not finite.
+/// Asks about every window with only `links` encoded, against the installation that its clip's windows up to it come from, as the
+/// daemon does. Throws SetupError where the answer is not finite.
 void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
                const std::function<void(const Answer&)>& tell);
 
+/// What became of the windows' installations, of a model that knows some.
+struct Installations {
+  std::size_t windows = 0;
+  std::size_t unknown = 0;  ///< so unlike (kMostUnlike) that the daemon would have inferred nobody
+  std::size_t named = 0, mistaken = 0;  ///< with a name that the model knows, and taken for another's
+  double unlikeness_sum = 0, greatest_unlikeness = 0;
+
+  void add(const NearestBackground& found, const Model& model, const std::string& name);
+};
+
 struct Figures {
   Metrics piw3d{Protocol::piw3d}, detect{Protocol::detect};
+  Installations installations;
   /// Of `detect`: the score, against being matched, and the confidence of each joint of those matched, against an error
   /// under kConfidentError_m. Empty where nothing was stated.
   Reliability score, joints;

@@ -64,16 +64,17 @@ class OnePersonEngine final : public Engine {
     logits_[0] = 5.f;
     for (std::size_t i = 0; i < poses_.size(); i += 3) poses_[i] = 1, poses_[i + 1] = 2, poses_[i + 2] = 1;
   }
-  NetworkOutput run(std::span<const float>, LinkSet) override {
-    if (clock_ != nullptr) clock_->pass_until(clock_->now() + cost_(runs_));
-    ++runs_;
-    return {logits_, poses_, {}};
-  }
   std::span<const float> stage(const std::string&) const override { return {}; }
   Precision precision() const override { return Precision::f32; }
   std::string describe() const override { return "scripted"; }
 
  private:
+  NetworkOutput infer(std::span<const float>, LinkSet, const Background*) override {
+    if (clock_ != nullptr) clock_->pass_until(clock_->now() + cost_(runs_));
+    ++runs_;
+    return {logits_, poses_, {}};
+  }
+
   std::vector<float> logits_, poses_;
   ScriptedClock* const clock_;
   const std::function<Nanoseconds(int run)> cost_;

@@ -111,6 +111,13 @@ void expect_against_backgrounds(const NetworkConfig& config) {
     const NetworkOutput wanted = exact->run(x, links), got = engine->run(x, links);
     EXPECT_LT(difference(engine->stage("embed"), exact->stage("embed")).most_absolute, 1e-4);
     EXPECT_LT(difference(got.poses, wanted.poses).most_absolute, 1e-4);
+    const std::vector<float> nearest = copy(got.poses);
+    EXPECT_EQ(copy(engine->run(x, links, &model->normalisation().backgrounds[1]).poses), nearest);
+    const Background* told = &model->normalisation().backgrounds[0];
+    const NetworkOutput other = exact->run(x, links, told), ours = engine->run(x, links, told);
+    EXPECT_NE(copy(ours.poses), nearest);
+    EXPECT_LT(difference(engine->stage("embed"), exact->stage("embed")).most_absolute, 1e-3);
+    EXPECT_LT(difference(ours.poses, other.poses).most_absolute, 1e-3);
   }
 }
 

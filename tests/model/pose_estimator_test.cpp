@@ -15,11 +15,6 @@ namespace {
 /// Stands in for a network: answers what the test wrote.
 class Scripted final : public Engine {
  public:
-  NetworkOutput run(std::span<const float>, LinkSet links) override {
-    ++runs;
-    last_links = links;
-    return {logits, poses, {}};
-  }
   std::span<const float> stage(const std::string&) const override { return {}; }
   Precision precision() const override { return Precision::f32; }
   std::string describe() const override { return "scripted"; }
@@ -32,7 +27,16 @@ class Scripted final : public Engine {
   }
   std::vector<float> logits, poses;
   LinkSet last_links;
+  const Background* last_background = nullptr;
   int runs = 0;
+
+ private:
+  NetworkOutput infer(std::span<const float>, LinkSet links, const Background* background) override {
+    ++runs;
+    last_links = links;
+    last_background = background;
+    return {logits, poses, {}};
+  }
 };
 
 class Estimator : public ::testing::Test {
@@ -103,6 +107,7 @@ TEST(EstimatorOfInstallations, NobodyIsInferredWhereTheWeightsKnowNothing) {
       testing::with_backgrounds(random_weights(preset_config("micro"), 5, HeadInit::zero), {den, hall});
   auto scripted = std::make_unique<Scripted>();
   scripted->answer({1});
+  const Scripted* engine_of_rooms = scripted.get();
   PoseEstimator estimator(model, std::move(scripted), EstimatorConfig{});
   Window window;
   window.links.set();
@@ -121,6 +126,10 @@ TEST(EstimatorOfInstallations, NobodyIsInferredWhereTheWeightsKnowNothing) {
   for (int i = 0; i < 1000; ++i) estimate(den);
   EXPECT_EQ(estimate(den).people_count, 1u);
   EXPECT_EQ(estimate(den).reasons, 0u);
+  ASSERT_NE(engine_of_rooms->last_background, nullptr);
+  EXPECT_EQ(engine_of_rooms->last_background->name, "den");
+  estimate(hall);
+  EXPECT_EQ(engine_of_rooms->last_background->name, "den") << "one window proves nothing";
   estimator.reset();
   EXPECT_EQ(estimate(elsewhere).reasons, reason_bit(Reason::unknown_installation)) << "nothing is remembered";
 }

@@ -66,7 +66,7 @@ TEST(SpreadWindows, EvenlyOverThoseWithPeople) {
 }
 
 TEST(Sheet, LeftIsLeftAndUpIsUp) {
-  Answer answer{0, {standing(1), standing(3)}, {}, {}, {}};
+  Answer answer{0, {}, {standing(1), standing(3)}, {}, {}, {}};
   EXPECT_EQ(middle_of(draw_sheet({{answer}}, "none"), kLeftInk).count, 0u);
   answer.found = {found(standing(1), 0)};
   const cv::Mat low = draw_sheet({{answer}}, "one");
@@ -81,7 +81,7 @@ TEST(Sheet, LeftIsLeftAndUpIsUp) {
 }
 
 TEST(Sheet, WhatIsOutsideIsCutOff) {
-  Answer answer{0, {standing(1)}, {}, {}, {}};
+  Answer answer{0, {}, {standing(1)}, {}, {}, {}};
   answer.found = {found(standing(900), 0)};
   EXPECT_EQ(middle_of(draw_sheet({{answer}}, "far"), kLeftInk).count, 0u);
 }

@@ -87,6 +87,44 @@ TEST(EvaluateModel, DetectGivesWhatPassesTheThreshold) {
   EXPECT_EQ(detect.penalised_500, 500);
 }
 
+/// Windows of clips in front of backgrounds, and what they say of their installation.
+class Received : public MadeUp {
+ public:
+  struct Clip {
+    Background from;
+    std::string named;
+  };
+  explicit Received(std::vector<Clip> clips)
+      : MadeUp(std::vector<std::vector<Skeleton>>(2 * clips.size()),
+               std::vector<std::uint64_t>(2 * clips.size())),
+        received_(std::move(clips)) {}
+  void read(std::size_t i, std::span<float> x) const override {
+    std::ranges::copy(testing::window_before(received_[i / 2].from, i), x.begin());
+  }
+  std::string room(std::size_t i) const override { return received_[i / 2].named; }
+  std::uint64_t clip(std::size_t i) const override { return i / 2; }
+
+ private:
+  std::vector<Clip> received_;
+};
+
+TEST(EvaluateModel, SaysWhatBecameOfTheInstallations) {
+  const Background den = testing::made_up_background("den", 1), hall = testing::made_up_background("hall", 2);
+  const auto model =
+      testing::with_backgrounds(random_weights(preset_config("micro"), 5, HeadInit::zero), {den, hall});
+  const auto engine = make_reference_engine(model);
+  const auto windows = std::make_shared<Received>(std::vector<Received::Clip>{
+      {den, "den"}, {hall, "den"}, {hall, "attic"}, {testing::made_up_background("", 3), "cellar"}});
+  const Installations found =
+      evaluate_model(*engine, *model, set_of(windows, std::vector<std::uint8_t>(8)), LinkSet().set())
+          .installations;
+  EXPECT_EQ(found.windows, 8u);
+  EXPECT_EQ(found.named, 4u) << "nothing is known of attic and cellar";
+  EXPECT_EQ(found.mistaken, 2u);
+  EXPECT_EQ(found.unknown, 2u) << "the cellar's";
+  EXPECT_GT(found.greatest_unlikeness, 10);
+}
+
 /// Random weights whose every query has a logit near `bias`, and whose joints state their expected errors.
 std::shared_ptr<const Model> model_with_logits_near(float bias) {
   NetworkConfig config = preset_config("micro");
