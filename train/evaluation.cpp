@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -263,9 +262,7 @@ Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& 
 std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
                                              const RoomTransform& model_to_room) {
   const TrainingMeans means = means_of(training, model_to_room);
-  std::vector<TrivialFigures> trivial(4);
-  for (std::size_t i = 0; i < trivial.size(); ++i)
-    trivial[i].name = std::array{"mean_pose", "mean_at_room", "mean_at_root", "last_pose"}[i];
+  std::vector<TrivialFigures> trivial = {{"mean_pose"}, {"mean_at_room"}, {"mean_at_root"}, {"last_pose"}};
   std::vector<Skeleton> last;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     const std::vector<Skeleton> people = in_room(model_to_room, set.windows->people(i));

@@ -386,15 +386,18 @@ void take_over(Weights& weights, const RunSettings& settings) {
     // Another floor is learned anew.
     if (name.rfind("predictor.map.", 0) == 0 && from.parameters[theirs].sizes() != tensor.sizes()) continue;
     // What has learnt of channels alone begins without regard to backgrounds.
-    if (name == "encoder.patch_embed.proj.weight" && from.parameters[theirs].size(1) < tensor.size(1)) {
+    if (name == "encoder.patch_embed.proj.weight" && from.parameters[theirs].size(0) == tensor.size(0) &&
+        from.parameters[theirs].size(1) < tensor.size(1)) {
       tensor.zero_().narrow(1, 0, kChannels).copy_(from.parameters[theirs]);
       ++taken;
       continue;
     }
     if (from.parameters[theirs].sizes() != tensor.sizes())
       throw SetupError(ExitStatus::bad_config,
-                       fmt::format("{} (finetune.init) has '{}' of another shape than the preset {}",
-                                   path.string(), theirs, settings.network.preset));
+                       fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
+                                   "network.background_conditioning = {}; set both as in that file",
+                                   path.string(), theirs, settings.network.preset,
+                                   settings.network.background_conditioning));
     tensor.copy_(from.parameters[theirs]);
     taken += encoder;
   }

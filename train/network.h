@@ -32,7 +32,7 @@ at::Tensor position_code(std::size_t width);
 /// Windows (B, 60, 20, 9) to tokens (B, 180, 60), row t * 9 + l.
 at::Tensor tokens_of(const at::Tensor& windows);
 
-/// Tokens (B, 180, 60), normalised, to (B, N, D). `visible` (B, N), int64: the tokens to encode, in that order; the
+/// Tokens (B, 180, 60 or, with background_conditioning, 120), normalised, to (B, N, D). `visible` (B, N), int64: the tokens to encode, in that order; the
 /// others are never computed. Undefined: all 180. `blocks`, when given, takes the embedding and what each block gives.
 /// Weights `prefix` + "patch_embed.proj.weight" and so on.
 at::Tensor encode(const Parameters& weights, const std::string& prefix, const EncoderShape& shape,

@@ -471,6 +471,15 @@ TEST_F(Runs, ARunMayBeginToTellOfBackgrounds) {
   finetune(settings, second, Workers());
   EXPECT_GT(weight("learnt").narrow(1, kChannels, kChannels).abs().max().item<float>(), 0);
 
+  settings.run.out = (folder_ / "larger").string();
+  settings.network.preset = "tiny";
+  EXPECT_THROW(finetune(settings, second, Workers()), SetupError) << "weights of another size";
+  settings.network.preset = "micro";
+  settings.finetune.init = (folder_ / "learnt/last.safetensors").string();
+  settings.network.background_conditioning = false;
+  EXPECT_THROW(finetune(settings, second, Workers()), SetupError) << "what it was told would be lost";
+  settings.network.background_conditioning = true;
+
   settings.data.norm = "corpus";
   settings.run.out = (folder_ / "without").string();
   EXPECT_THROW(finetune(settings, second, Workers()), SetupError);
