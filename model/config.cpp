@@ -46,10 +46,11 @@ struct SwitchField {
   bool NetworkConfig::*member;
   bool since_later = false;  ///< older files do not have it and mean false; nor is false written
 };
-constexpr std::array<SwitchField, 4> kSwitches = {
+constexpr std::array<SwitchField, 5> kSwitches = {
     {{"identity_conditioning", &NetworkConfig::identity_conditioning},
      {"query_conditioning", &NetworkConfig::query_conditioning, true},
      {"background_conditioning", &NetworkConfig::background_conditioning, true},
+     {"flat_tokens", &NetworkConfig::flat_tokens, true},
      {"joint_sigma", &NetworkConfig::joint_sigma}}};
 
 [[noreturn]] void refuse(const std::string& words) { throw SetupError(ExitStatus::bad_data, words); }
@@ -88,6 +89,8 @@ void check_together(const NetworkConfig& config) {
     refuse("config 'decoder_dim' is no multiple of 'decoder_heads'");
   if (config.identity_conditioning && config.refine_layers == 0)
     refuse("config has 'identity_conditioning' but no refinement layer");
+  if (config.flat_tokens && config.background_conditioning)
+    refuse("config has 'flat_tokens' and 'background_conditioning': a patch is of no one link");
   if (config.joint_sigma && !config.identity_conditioning)
     refuse(
         "config has 'joint_sigma' without 'identity_conditioning': all people would get the same expected "
@@ -231,6 +234,14 @@ NetworkConfig config_from_json(const std::string& preset, const std::string& jso
   if (!same_sizes(config, preset_config(preset)))
     refuse(fmt::format("preset is '{}' but config has other sizes than that preset", preset));
   return config;
+}
+
+void require_engine_tokens(const NetworkConfig& config) {
+  if (config.flat_tokens)
+    refuse(
+        "the network takes flat tokens, which serve to compare with: `csipose-train experiment` learns and "
+        "judges it, "
+        "nothing else computes it; take weights without 'flat_tokens'");
 }
 
 std::vector<TensorSpec> required_tensors(const NetworkConfig& config) {

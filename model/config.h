@@ -15,6 +15,16 @@
 
 namespace csipose {
 
+/// How tokens lie: token = row * columns + column.
+struct TokenGrid {
+  std::size_t rows = kSamples, columns = kLinks;
+  std::size_t size() const { return rows * columns; }
+  bool operator==(const TokenGrid&) const = default;
+};
+/// Flat tokens: patches of 6 by 6 of the window as an image of 60 channels by 180 columns l * 20 + t.
+inline constexpr std::size_t kPatch = 6;
+inline constexpr TokenGrid kFlatGrid = {kChannels / kPatch, kTokens / kPatch};
+
 struct NetworkConfig {
   std::string preset;             ///< "paper", "base", "small", "tiny", "micro", or "custom"
   std::size_t dim = 0;            ///< D, width of the encoder; a multiple of 4
@@ -32,10 +42,16 @@ struct NetworkConfig {
   bool query_conditioning = false;  ///< queries see the poses they begin from; off in parity with the paper
   /// Tokens also say how much people move their link's channels in this installation; off in parity with the paper.
   bool background_conditioning = false;
+  /// Flat tokens in the place of one for each sample and link, for comparisons: training computes them, no engine does.
+  bool flat_tokens = false;
   bool joint_sigma = false;  ///< has the head for the expected error per joint
 
-  /// Numbers of a token: its channels, and with background_conditioning as many of its installation.
-  std::size_t token_numbers() const { return background_conditioning ? 2 * kChannels : kChannels; }
+  /// Numbers of a token: its channels, and with background_conditioning as many of its installation; or a patch.
+  std::size_t token_numbers() const {
+    if (flat_tokens) return kPatch * kPatch;
+    return background_conditioning ? 2 * kChannels : kChannels;
+  }
+  TokenGrid token_grid() const { return flat_tokens ? kFlatGrid : TokenGrid{}; }
 
   bool operator==(const NetworkConfig&) const = default;
 };
@@ -51,6 +67,9 @@ std::string to_json(const NetworkConfig& config);
 /// The inverse. Strict: every key once, none unknown, sizes that make a network; and a preset's name must go
 /// with its sizes. Throws SetupError (bad data) with words that start with the culprit.
 NetworkConfig config_from_json(const std::string& preset, const std::string& json);
+
+/// Throws SetupError (bad_data): a network with flat tokens, which only training computes.
+void require_engine_tokens(const NetworkConfig& config);
 
 struct TensorSpec {
   std::string name;

@@ -215,6 +215,7 @@ void OneDnnEngine::add_note(const std::string& note) {
 }
 
 std::unique_ptr<Engine> make_onednn_engine(std::shared_ptr<const Model> model, const OneDnnOptions& options) {
+  require_engine_tokens(model->config());
   std::unique_ptr<OneDnnEngine> engine =
       options.precision ? make(model, *options.precision, options) : Choice(model, options).take();
   engine->warm_up();

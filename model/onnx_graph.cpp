@@ -565,6 +565,7 @@ void describe(const Model& model, onnx::ModelProto& proto) {
 }  // namespace
 
 std::string onnx_file(const Model& model) {
+  require_engine_tokens(model.config());
   const double bytes = sizeof(float) * static_cast<double>(parameter_count(model.config()));
   onnx::ModelProto proto;
   proto.set_ir_version(kIrVersion);

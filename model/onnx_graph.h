@@ -17,7 +17,7 @@ class Model;
 ///   outputs  scores float32 [1][Q], sigmoid of the class logit, not calibrated;
 ///            poses float32 [1][Q][14][3], refined, label frame, metres; order of queries as in NetworkOutput
 ///   metadata what the weights file says of itself, and its digest (docs/weights.md)
-///   errors   SetupError (bad_data): the weights would pass the 2 GiB that one ONNX file may hold
+///   errors   SetupError (bad_data): the weights would pass the 2 GiB that one ONNX file may hold, or take flat tokens
 ///   cost     three times the weights in memory
 std::string onnx_file(const Model& model);
 

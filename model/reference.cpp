@@ -262,18 +262,19 @@ Matrix attention(const Matrix& q, const Matrix& k, const Matrix& v, std::size_t 
   return out;
 }
 
-Matrix position_code(std::size_t width) {
+Matrix position_code(std::size_t width, const TokenGrid& grid) {
   assert(width % 4 == 0);
-  Matrix code(kTokens, width);
+  Matrix code(grid.size(), width);
   const std::size_t quarter = width / 4;
-  for (std::size_t token = 0; token < kTokens; ++token) {
-    const double link = static_cast<double>(token % kLinks), time = static_cast<double>(token / kLinks);
+  for (std::size_t token = 0; token < grid.size(); ++token) {
+    const auto column = static_cast<double>(token % grid.columns),
+               row = static_cast<double>(token / grid.columns);
     for (std::size_t k = 0; k < quarter; ++k) {
       const double frequency = std::pow(10000., -static_cast<double>(k) / static_cast<double>(quarter));
-      code.at(token, k) = static_cast<float>(std::sin(link * frequency));
-      code.at(token, quarter + k) = static_cast<float>(std::cos(link * frequency));
-      code.at(token, 2 * quarter + k) = static_cast<float>(std::sin(time * frequency));
-      code.at(token, 3 * quarter + k) = static_cast<float>(std::cos(time * frequency));
+      code.at(token, k) = static_cast<float>(std::sin(column * frequency));
+      code.at(token, quarter + k) = static_cast<float>(std::cos(column * frequency));
+      code.at(token, 2 * quarter + k) = static_cast<float>(std::sin(row * frequency));
+      code.at(token, 3 * quarter + k) = static_cast<float>(std::cos(row * frequency));
     }
   }
   return code;

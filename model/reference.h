@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "model/config.h"
 #include "model/tensor.h"
 #include "proto/window.h"
 
@@ -49,10 +50,11 @@ Matrix attention(const Matrix& q, const Matrix& k, const Matrix& v, std::size_t 
 
 // Encoder.
 
-/// [180][width]; row t * 9 + l is (sin, cos of l; sin, cos of t) with frequencies 10000^(-k / (width / 4)).
+/// [tokens][width]; a token's row is (sin, cos of its column; sin, cos of its row) with frequencies 10000^(-k / (width / 4));
+/// its column is the link, its row the time.
 /// source: facebookresearch/ijepa, src/models/vision_transformer.py, with the link in the place of the first
 /// axis
-Matrix position_code(std::size_t width);
+Matrix position_code(std::size_t width, const TokenGrid& grid = {});
 /// Tensor [60][20][9] to tokens [180][60], row t * 9 + l.
 Matrix tokens_of(std::span<const float> x);
 /// Ascending tokens of the links that are there.

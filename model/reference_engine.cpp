@@ -92,6 +92,7 @@ class ReferenceEngine final : public Engine {
 }  // namespace
 
 std::unique_ptr<Engine> make_reference_engine(std::shared_ptr<const Model> model) {
+  require_engine_tokens(model->config());
   return std::make_unique<ReferenceEngine>(std::move(model));
 }
 

@@ -11,6 +11,7 @@
 #include "model/seeded_random.h"
 #include "proto/result.h"
 #include "proto/window.h"
+#include "train/network.h"
 
 namespace csipose::train {
 namespace {
@@ -137,7 +138,8 @@ void Pool::give_for(const NetworkConfig& config) {
               "data set {}: no backgrounds are known, and network.background_conditioning tells the "
               "network of them; set data.norm to \"background\", or to \"init\" with a file that has them",
               sources_[s]->name()));
-  token_numbers_ = config.token_numbers();
+  flat_ = config.flat_tokens;
+  token_numbers_ = flat_ ? kChannels : config.token_numbers();
 }
 
 at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
@@ -156,7 +158,7 @@ at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
                    all, {numbers + b * static_cast<std::int64_t>(of_window), of_window});
     }
   });
-  return out.to(device_);
+  return (flat_ ? flat_tokens_of(out) : out).to(device_);
 }
 
 People Pool::people_of(std::span<const std::uint64_t> windows) const {

@@ -44,10 +44,10 @@ class Pool {
 
   /// Where the tensors below are given; the CPU at first.
   void give_on(const at::Device& device) { device_ = device; }
-  /// As many numbers a token as a network of `config` takes; 60 at first. Throws SetupError (bad_config): it is told of backgrounds,
+  /// Tokens as a network of `config` takes them; of 60 numbers, one for each sample and link, at first. Throws SetupError (bad_config): it is told of backgrounds,
   /// and there are none.
   void give_for(const NetworkConfig& config);
-  /// Tokens (windows, 180, 60 or 120), scaled; against the background of the installation that the set names, where it is known.
+  /// Tokens (windows, as the grid, NetworkConfig::token_numbers()), scaled; against the background of the installation that the set names, where it is known.
   at::Tensor tokens(std::span<const std::uint64_t> windows) const;
   People people_of(std::span<const std::uint64_t> windows) const;
 
@@ -58,7 +58,8 @@ class Pool {
   std::vector<std::size_t> first_;  // of each source, and the end
   std::vector<Normalisation> scaling_;
   at::Device device_ = at::kCPU;
-  std::size_t token_numbers_ = kChannels;
+  std::size_t token_numbers_ = kChannels;  // before they are made flat
+  bool flat_ = false;
 };
 
 struct Split {

@@ -28,6 +28,7 @@ struct Experiment {
   bool real, objects, humans;  ///< what it is pre-trained on
   double share;                ///< of each of these sets
   std::string_view mask;       ///< of pre-training
+  bool flat_tokens = false;    ///< patches of the flattened window for tokens
   bool leave_one_out = false;  ///< each environment in turn is kept from learning, and judged on
 };
 /// Every row that can be run, in the order of the tables.

@@ -299,7 +299,8 @@ class Poses3d : public Objective {
 
   /// People who get a query: all, unless there are more of them than queries.
   double matched_people(const People& people, const at::Tensor& left) const {
-    const std::int64_t tokens = left.defined() ? left.size(1) : static_cast<std::int64_t>(kTokens);
+    const std::int64_t tokens =
+        left.defined() ? left.size(1) : static_cast<std::int64_t>(weights_.config.token_grid().size());
     const std::int64_t queries = std::min(tokens, static_cast<std::int64_t>(weights_.config.queries));
     std::int64_t sum = 0;
     for (const std::int64_t there : people.count) sum += std::min(there, queries);
@@ -339,6 +340,16 @@ class Poses3d : public Objective {
 };
 
 // ---- before the first step ----
+
+/// A flat token may be of two links, and is of several samples: none can be left out.
+void require_whole_windows(const RunSettings& settings) {
+  const auto& s = settings.finetune;
+  if (settings.network.flat_tokens &&
+      (s.samples < static_cast<int>(kSamples) || s.lose_receiver + s.lose_two_receivers + s.lose_links > 0))
+    throw SetupError(ExitStatus::bad_config,
+                     "network.flat_tokens needs whole windows: finetune.samples = 20, and lose_receiver, "
+                     "lose_two_receivers and lose_links = 0");
+}
 
 /// A window that repeats few samples is as good as a whole one only where no step takes more of them.
 void require_samples(const RunSettings& settings, const Pool& pool) {
@@ -387,17 +398,20 @@ void take_over(Weights& weights, const RunSettings& settings) {
     if (name.rfind("predictor.map.", 0) == 0 && from.parameters[theirs].sizes() != tensor.sizes()) continue;
     // What has learnt of channels alone begins without regard to backgrounds.
     if (name == "encoder.patch_embed.proj.weight" && from.parameters[theirs].size(0) == tensor.size(0) &&
-        from.parameters[theirs].size(1) < tensor.size(1)) {
+        from.parameters[theirs].size(1) == static_cast<std::int64_t>(kChannels) &&
+        tensor.size(1) > from.parameters[theirs].size(1)) {
       tensor.zero_().narrow(1, 0, kChannels).copy_(from.parameters[theirs]);
       ++taken;
       continue;
     }
     if (from.parameters[theirs].sizes() != tensor.sizes())
-      throw SetupError(ExitStatus::bad_config,
-                       fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
-                                   "network.background_conditioning = {}; set both as in that file",
-                                   path.string(), theirs, settings.network.preset,
-                                   settings.network.background_conditioning));
+      throw SetupError(
+          ExitStatus::bad_config,
+          fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
+                      "network.background_conditioning = {} and flat_tokens = {}; set all three as "
+                      "in that file",
+                      path.string(), theirs, settings.network.preset,
+                      settings.network.background_conditioning, settings.network.flat_tokens));
     tensor.copy_(from.parameters[theirs]);
     taken += encoder;
   }
@@ -492,6 +506,7 @@ at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
 }
 
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {
+  require_whole_windows(settings);
   require_samples(settings, pool);
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);

@@ -143,6 +143,21 @@ BatchMasks draw_ijepa_batch(std::uint64_t seed, std::uint64_t epoch, std::span<c
   return masks;
 }
 
+/// Of the patch column, six samples of the row of all links' samples.
+std::size_t owner(std::size_t column) {
+  std::array<std::size_t, kLinks> samples{};
+  for (std::size_t i = 0; i < kPatch; ++i) ++samples[(column * kPatch + i) / kSamples];
+  return static_cast<std::size_t>(std::ranges::max_element(samples) - samples.begin());
+}
+
+/// Patch columns that these links own, ascending.
+std::vector<std::size_t> columns_of(std::span<const std::size_t> links) {
+  std::vector<std::size_t> columns;
+  for (std::size_t column = 0; column < kFlatGrid.columns; ++column)
+    if (std::ranges::find(links, owner(column)) != links.end()) columns.push_back(column);
+  return columns;
+}
+
 }  // namespace
 
 Masking masking_named(std::string_view name) {
@@ -168,11 +183,22 @@ TokenList tokens_of_times(std::span<const std::size_t> times) {
   return tokens;
 }
 
-TokenList other_tokens(const TokenList& tokens) {
-  Hidden rest;
-  rest.fill(true);
-  for (const std::int64_t token : tokens) rest[static_cast<std::size_t>(token)] = false;
-  return list_of(rest);
+TokenList other_tokens(const TokenList& tokens, std::size_t count) {
+  std::vector<bool> named(count);
+  for (const std::int64_t token : tokens) named[static_cast<std::size_t>(token)] = true;
+  TokenList rest;
+  for (std::size_t token = 0; token < count; ++token)
+    if (!named[token]) rest.push_back(static_cast<std::int64_t>(token));
+  return rest;
+}
+
+TokenList flat_tokens_of_links(std::span<const std::size_t> links) {
+  const std::vector<std::size_t> columns = columns_of(links);
+  TokenList tokens;
+  for (std::size_t row = 0; row < kFlatGrid.rows; ++row)
+    for (const std::size_t column : columns)
+      tokens.push_back(static_cast<std::int64_t>(row * kFlatGrid.columns + column));
+  return tokens;
 }
 
 BatchMasks draw_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
@@ -184,6 +210,22 @@ BatchMasks draw_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
     SeededRandom random(seed, "mask", {epoch, sample});
     masks.targets[0].push_back(hidden_tokens(masking, random));
     masks.context.push_back(other_tokens(masks.targets[0].back()));
+  }
+  return masks;
+}
+
+BatchMasks draw_flat_masks(std::uint64_t seed, std::uint64_t epoch, std::span<const std::uint64_t> samples) {
+  SeededRandom sizes(seed, "mask sizes", {epoch, samples.front()});
+  const std::size_t columns = columns_of(choose(kHiddenLinks, kLinks, sizes)).size();
+  BatchMasks masks;
+  masks.targets.resize(1);
+  for (const std::uint64_t sample : samples) {
+    SeededRandom random(seed, "mask", {epoch, sample});
+    std::vector<std::size_t> links;
+    do links = choose(kHiddenLinks, kLinks, random);
+    while (columns_of(links).size() != columns);
+    masks.targets[0].push_back(flat_tokens_of_links(links));
+    masks.context.push_back(other_tokens(masks.targets[0].back(), kFlatGrid.size()));
   }
   return masks;
 }

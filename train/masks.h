@@ -11,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "model/config.h"
 #include "model/seeded_random.h"
 #include "proto/shape.h"
 
@@ -26,8 +27,11 @@ using TokenList = std::vector<std::int64_t>;
 /// Tokens of these links at all 20 samples; tokens of all links at these samples.
 TokenList tokens_of_links(std::span<const std::size_t> links);
 TokenList tokens_of_times(std::span<const std::size_t> times);
-/// All tokens that `tokens` does not name.
-TokenList other_tokens(const TokenList& tokens);
+/// All of `count` tokens that `tokens` does not name.
+TokenList other_tokens(const TokenList& tokens, std::size_t count = kTokens);
+/// Flat tokens (model/config.h): all rows of the patch columns that these links own. A column belongs to the link of most of its
+/// six samples, the lower one of two with as many.
+TokenList flat_tokens_of_links(std::span<const std::size_t> links);
 
 /// A batch's masks, rectangular: every sample has as many context tokens as the others, and as many in each target.
 struct BatchMasks {
@@ -39,5 +43,8 @@ struct BatchMasks {
 /// 108 tokens in blocks that may overlap; ijepa predicts four blocks apart from each other out of one large block.
 BatchMasks draw_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
                       std::span<const std::uint64_t> samples);
+/// Link masking of flat tokens: the columns of 5 links. Links own three columns or four, so how many of them own four is drawn
+/// for the batch, and each sample's links among those that fit: any five links are as likely as any others.
+BatchMasks draw_flat_masks(std::uint64_t seed, std::uint64_t epoch, std::span<const std::uint64_t> samples);
 
 }  // namespace csipose::train

@@ -144,14 +144,24 @@ void propose(const Parameters& weights, const DecoderShape& shape, const Numeric
 
 }  // namespace
 
-at::Tensor position_code(std::size_t width) {
-  const reference::Matrix code = reference::position_code(width);
+at::Tensor position_code(std::size_t width, const TokenGrid& grid) {
+  const reference::Matrix code = reference::position_code(width, grid);
   at::Tensor tensor = at::empty({signed_size(code.rows), signed_size(code.cols)}, at::kFloat);
   std::memcpy(tensor.data_ptr<float>(), code.data.data(), code.data.size() * sizeof(float));
   return tensor;
 }
 
 at::Tensor tokens_of(const at::Tensor& windows) { return windows.flatten(2).transpose(1, 2).contiguous(); }
+
+at::Tensor flat_tokens_of(const at::Tensor& tokens) {
+  constexpr auto kRows = static_cast<std::int64_t>(kFlatGrid.rows),
+                 kColumns = static_cast<std::int64_t>(kFlatGrid.columns),
+                 kSide = static_cast<std::int64_t>(kPatch);
+  const std::int64_t windows = tokens.size(0);
+  const at::Tensor image = tokens.view({windows, kSamples, kLinks, kChannels}).permute({0, 3, 2, 1});
+  const at::Tensor patches = image.reshape({windows, kRows, kSide, kColumns, kSide}).permute({0, 1, 3, 2, 4});
+  return patches.reshape({windows, kRows * kColumns, kSide * kSide});
+}
 
 at::Tensor dropout(const at::Tensor& x, double share) {
   constexpr double kChances = 65536;
@@ -170,7 +180,7 @@ at::Tensor gather_rows(const at::Tensor& x, const at::Tensor& idx) {
 at::Tensor encode(const Parameters& weights, const std::string& prefix, const EncoderShape& shape,
                   const at::Tensor& tokens, const at::Tensor& visible, const Numerics& numerics,
                   std::vector<at::Tensor>* blocks) {
-  const at::Tensor code = position_code(shape.dim).to(tokens.device());
+  const at::Tensor code = position_code(shape.dim, shape.grid).to(tokens.device());
   const at::Tensor seen = visible.defined() ? gather_rows(tokens, visible) : tokens;
   const at::Tensor places = visible.defined() ? code.index({visible}) : code;
   const std::string embed = prefix + "patch_embed.proj";
@@ -186,7 +196,7 @@ at::Tensor encode(const Parameters& weights, const std::string& prefix, const En
 
 at::Tensor predict(const Parameters& weights, const PredictorShape& shape, const at::Tensor& z,
                    const at::Tensor& context, const at::Tensor& target, const Numerics& numerics) {
-  const at::Tensor code = position_code(shape.dim).to(z.device());
+  const at::Tensor code = position_code(shape.dim, shape.grid).to(z.device());
   const at::Tensor known = linear(weights, "predictor.predictor_embed", z, numerics) + code.index({context});
   const at::Tensor asked = weights["predictor.mask_token"] + code.index({target});
   at::Tensor x = at::cat({known, asked}, 1);
@@ -263,7 +273,9 @@ at::Tensor joint_sigma_m(const Parameters& weights, const at::Tensor& state) {
   return at::softplus(raw) + kLeastSigma_m;
 }
 
-EncoderShape encoder_shape(const NetworkConfig& config) { return {config.dim, config.depth, config.heads}; }
+EncoderShape encoder_shape(const NetworkConfig& config) {
+  return {config.dim, config.depth, config.heads, config.token_grid()};
+}
 DecoderShape decoder_shape(const NetworkConfig& config) {
   return {config.decoder_heads, config.decoder_layers, config.refine_layers, config.identity_conditioning,
           config.query_conditioning};

@@ -25,15 +25,20 @@ struct Numerics {
 
 struct EncoderShape {
   std::size_t dim = 0, depth = 0, heads = 0;
+  TokenGrid grid{};
 };
 
-/// (180, width) position code of model/reference.h.
-at::Tensor position_code(std::size_t width);
+/// (tokens, width) position code of model/reference.h.
+at::Tensor position_code(std::size_t width, const TokenGrid& grid = {});
 /// Windows (B, 60, 20, 9) to tokens (B, 180, 60), row t * 9 + l.
 at::Tensor tokens_of(const at::Tensor& windows);
+/// Tokens (B, 180, 60) to flat ones (B, 300, 36): the window as an image, channel by l * 20 + t, in patches of 6 by 6, row by
+/// row as the numbers within each. Patches lie across links, not across amplitude and phase. source: what the WiFi-JEPA paper
+/// compares its tokens with, after Person-in-WiFi 3D
+at::Tensor flat_tokens_of(const at::Tensor& tokens);
 
-/// Tokens (B, 180, 60 or, with background_conditioning, 120), normalised, to (B, N, D). `visible` (B, N), int64: the tokens to encode, in that order; the
-/// others are never computed. Undefined: all 180. `blocks`, when given, takes the embedding and what each block gives.
+/// Tokens (B, as the grid, NetworkConfig::token_numbers()), normalised, to (B, N, D). `visible` (B, N), int64: the tokens to
+/// encode, in that order; the others are never computed. Undefined: all. `blocks`, when given, takes the embedding and what each block gives.
 /// Weights `prefix` + "patch_embed.proj.weight" and so on.
 at::Tensor encode(const Parameters& weights, const std::string& prefix, const EncoderShape& shape,
                   const at::Tensor& tokens, const at::Tensor& visible, const Numerics& numerics,

@@ -45,9 +45,10 @@ class Parameters {
 /// The predictor's sizes; `paper` has 512 wide, 8 blocks, 16 heads.
 struct PredictorShape {
   std::size_t dim = 0, depth = 0, heads = 0;
+  TokenGrid grid{};
   bool operator==(const PredictorShape&) const = default;
 };
-/// Throws SetupError (usage) for a preset that there is not.
+/// For one token for each sample and link. Throws SetupError (usage) for a preset that there is not.
 PredictorShape predictor_shape(std::string_view preset);
 /// Tensors predictor.*, in the order of computation. `encoder_dim`: width of what it reads and predicts.
 std::vector<TensorSpec> predictor_tensors(const PredictorShape& shape, std::size_t encoder_dim);

@@ -45,6 +45,7 @@ class Jepa : public Objective {
         masking_(masking_named(settings.pretrain.mask)),
         predictor_(predictor_shape(settings.network.preset)),
         optimiser_(groups_of(weights_.parameters, settings.pretrain.weight_decay)) {
+    predictor_.grid = weights_.config.token_grid();
     const auto memory = nlohmann::json::parse(weights_.metadata["progress"], nullptr, false);
     if (memory.is_object()) first_deviation_ = memory.value("first_deviation", 0.);
   }
@@ -53,8 +54,9 @@ class Jepa : public Objective {
   const Weights& weights() override { return weights_; }
 
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures&) override {
-    const BatchMasks masks =
-        draw_masks(masking_, static_cast<std::uint64_t>(settings_.run.seed), now.epoch, windows);
+    const auto seed = static_cast<std::uint64_t>(settings_.run.seed);
+    const BatchMasks masks = weights_.config.flat_tokens ? draw_flat_masks(seed, now.epoch, windows)
+                                                         : draw_masks(masking_, seed, now.epoch, windows);
     const at::Tensor tokens = pool_.tokens(windows),
                      context = index_tensor(masks.context).to(tokens.device());
     const EncoderShape shape = encoder_shape(weights_.config);
@@ -154,6 +156,10 @@ Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers
   if (settings.data.norm == "init")
     throw SetupError(ExitStatus::bad_config,
                      "data.norm = \"init\" is for fine-tuning: pre-training begins from nothing");
+  if (settings.network.flat_tokens && settings.pretrain.mask != "link")
+    throw SetupError(ExitStatus::bad_config,
+                     fmt::format("network.flat_tokens goes with pretrain.mask = \"link\" alone, not \"{}\"",
+                                 settings.pretrain.mask));
   const CheckpointFolder folder(settings.run.out);
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   LoopPlan plan;

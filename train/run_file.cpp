@@ -80,6 +80,14 @@ const std::vector<Key>& keys() {
        {},
        "as the paper and its sources in everything that they leave open: all kinds of conditioning "
        "and proposal_bias off"},
+      {"network.flat_tokens",
+       FIELD(network.flat_tokens),
+       0,
+       0,
+       {},
+       "to compare with: 300 patches of the window as an image in the place of a token for each sample and "
+       "link; "
+       "no engine computes such weights"},
       {"network.init",
        FIELD(network.init),
        0,
@@ -414,6 +422,11 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
     reader.settings.finetune.ordered = reader.settings.finetune.map = reader.settings.finetune.root_relative =
         0;
   }
+  if (reader.settings.network.flat_tokens && reader.settings.network.background_conditioning)
+    throw SetupError(
+        ExitStatus::bad_config,
+        "network.flat_tokens and network.background_conditioning exclude each other: a patch is of "
+        "no one link");
   const auto& finetune = reader.settings.finetune;
   if (finetune.encoder_only &&
       ((finetune.ordered == 0 && finetune.map == 0) || finetune.freeze_encoder || finetune.sigma_epochs > 0))
@@ -435,6 +448,7 @@ NetworkConfig network_of(const RunSettings& settings) {
   config.identity_conditioning = settings.network.identity_conditioning;
   config.query_conditioning = settings.network.query_conditioning;
   config.background_conditioning = settings.network.background_conditioning;
+  config.flat_tokens = settings.network.flat_tokens;
   return config;
 }
 

@@ -78,6 +78,11 @@ TEST(Config, JsonRoundTrip) {
     config.background_conditioning = true;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 120, 1, 1}));
+    config.background_conditioning = false;
+    config.flat_tokens = true;
+    EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
+    EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 36, 1, 1}));
+    EXPECT_THROW(require_engine_tokens(config), SetupError);
   }
 }
 
@@ -120,6 +125,12 @@ TEST(Config, PresetNameMustGoWithTheSizes) {
   EXPECT_NE(refusal("micro", tiny).find("other sizes"), std::string::npos);
   EXPECT_NE(refusal("mini", tiny).find("none of"), std::string::npos);
   EXPECT_EQ(refusal("custom", tiny), "");
+}
+
+TEST(Config, FlatTokensAreOfNoOneLinkToTellOf) {
+  NetworkConfig config = preset_config("micro");
+  config.flat_tokens = config.background_conditioning = true;
+  EXPECT_NE(refusal("micro", to_json(config)).find("flat_tokens"), std::string::npos);
 }
 
 TEST(Config, SigmaHeadNeedsIdentityConditioning) {

@@ -99,6 +99,30 @@ TEST(Encoder, PositionCodeIsTheGoldenOne) {
   EXPECT_LE(difference(position_code(512), golden("posembed/pe_t20_l9_d512.npy")), 1e-6);
 }
 
+TEST(FlatTokens, ArePatchesOfTheWindowAsAnImage) {
+  const at::Tensor windows = made_up_windows(2, 3);
+  const at::Tensor flat = flat_tokens_of(tokens_of(windows));
+  ASSERT_EQ(flat.sizes(), (std::vector<std::int64_t>{2, 300, 36}));
+  const auto there = flat.accessor<float, 3>();
+  const auto x = windows.accessor<float, 4>();
+  for (std::int64_t b = 0; b < 2; ++b)
+    for (std::int64_t channel = 0; channel < 60; ++channel)
+      for (std::int64_t column = 0; column < 180; ++column)
+        ASSERT_EQ(there[b][channel / 6 * 30 + column / 6][channel % 6 * 6 + column % 6],
+                  x[b][channel][column % 20][column / 20]);
+}
+
+TEST(FlatTokens, HaveAPositionCodeOfTheirOwnGrid) {
+  const at::Tensor code = position_code(8, kFlatGrid);
+  ASSERT_EQ(code.sizes(), (std::vector<std::int64_t>{300, 8}));
+  const double row = 7, column = 23, slower = 0.01;  // 10000^(-1 / 2)
+  const double expected[] = {
+      std::sin(column), std::sin(slower * column), std::cos(column), std::cos(slower * column),
+      std::sin(row),    std::sin(slower * row),    std::cos(row),    std::cos(slower * row)};
+  for (std::int64_t k = 0; k < 8; ++k)
+    EXPECT_NEAR(code[7 * 30 + 23][k].item<double>(), expected[k], 1e-6) << k;
+}
+
 TEST(Encoder, InBfloat16StaysNear) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const at::NoGradGuard no_gradients;
@@ -465,6 +489,34 @@ TEST(Masks, OfAnEpochAndSampleDoNotDependOnTheBatch) {
               draw_masks(masking, 1, 2, kSamplesDrawn).targets[0][4]);
     EXPECT_NE(draw_masks(masking, 1, 3, alone).targets[0][0], draw_masks(masking, 1, 2, alone).targets[0][0]);
   }
+}
+
+TEST(Masks, OfFlatTokensHideTheColumnsThatFiveLinksOwn) {
+  // Samples 60 to 119 are those of links 3, 4 and 5: a third column and a seventh lie across two of them.
+  for (const auto& [link, first, last] : {std::array{0, 0, 2}, std::array{3, 10, 12}, std::array{4, 13, 16},
+                                          std::array{5, 17, 19}, std::array{8, 27, 29}}) {
+    TokenList expected;
+    for (int row = 0; row < 10; ++row)
+      for (int column = first; column <= last; ++column) expected.push_back(row * 30 + column);
+    EXPECT_EQ(flat_tokens_of_links(std::array{static_cast<std::size_t>(link)}), expected) << link;
+  }
+  std::set<std::size_t> sizes;
+  for (std::uint64_t epoch = 0; epoch < 40; ++epoch) {
+    const BatchMasks masks = draw_flat_masks(1, epoch, kSamplesDrawn);
+    sizes.insert(masks.targets[0][0].size());
+    for (std::size_t i = 0; i < kSamplesDrawn.size(); ++i) {
+      ASSERT_EQ(masks.targets[0][i].size(), masks.targets[0][0].size());
+      EXPECT_EQ(masks.context[i], other_tokens(masks.targets[0][i], 300));
+      std::set<std::int64_t> columns;
+      for (const std::int64_t token : masks.targets[0][i]) columns.insert(token % 30);
+      std::size_t links = 0;
+      for (std::size_t link = 0; link < kLinks; ++link)
+        links += columns.count(flat_tokens_of_links(std::array{link}).front() % 30);
+      EXPECT_EQ(links, 5u);
+    }
+  }
+  EXPECT_EQ(sizes, (std::set<std::size_t>{150, 160, 170, 180}))
+      << "none to three of the links that own four columns";
 }
 
 TEST(Masks, OfIjepaShareOneSizeAndKeepContextApartFromTargets) {
