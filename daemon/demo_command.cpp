@@ -117,8 +117,8 @@ class Demo {
     wait_for(truth_socket(), *senders_.back());
     const TruthClient truth(truth_socket());
     const auto place = [](const Point3& p) { return std::array{p.x, p.y, p.z}; };
-    RoomDescription room{place(truth.hello().size_m), place(truth.hello().transmitter_m), {}};
-    for (const Point3& receiver : truth.hello().receivers_m)
+    RoomDescription room{place(truth.hello()->size_m), place(truth.hello()->transmitter_m), {}};
+    for (const Point3& receiver : truth.hello()->receivers_m)
       room.receivers.push_back({fmt::format("rx{}", room.receivers.size() + 1), place(receiver)});
     return room;
   }

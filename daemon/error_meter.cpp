@@ -34,6 +34,7 @@ void add_to(ErrorSums& sums, const FrameError& frame) {
 
 double ErrorSums::mean_error_m() const { return ratio(error_m, matched); }
 double ErrorSums::found_ratio() const { return ratio(static_cast<double>(matched), people); }
+double ErrorSums::claimed_rightly_ratio() const { return ratio(static_cast<double>(matched), claimed); }
 double ErrorSums::count_right_ratio() const { return ratio(static_cast<double>(count_right), frames); }
 
 ErrorMeter::ErrorMeter() : assignment_(kMaxTruePeople, kMaxTruePeople) {}

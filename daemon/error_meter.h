@@ -23,8 +23,9 @@ struct ErrorSums {
   std::uint64_t people = 0, claimed = 0, matched = 0;
   double error_m = 0;  ///< sum over matched people of their mean joint error
 
-  double mean_error_m() const;  ///< of matched people; NaN when nobody was
-  double found_ratio() const;   ///< matched of those who were there; NaN when nobody was
+  double mean_error_m() const;           ///< of matched people; NaN when nobody was
+  double found_ratio() const;            ///< matched of those who were there; NaN when nobody was
+  double claimed_rightly_ratio() const;  ///< matched of those who were claimed; NaN when nobody was
   double count_right_ratio() const;
 };
 

@@ -130,8 +130,8 @@ void add_people(const LiveState& state, std::vector<Line>& lines) {
 
 /// Poses and truth share the room's corner, so errors hold; but what is configured is not what is simulated.
 bool is_another_room(const LiveState& state) {
-  if (!state.truth) return false;
-  const Point3& size = state.truth->hello.size_m;
+  if (!state.truth || !state.truth->hello) return false;
+  const Point3& size = state.truth->hello->size_m;
   const auto& configured = state.hello.room.size_m;
   constexpr float kSame_m = 0.01F;
   return std::abs(size.x - configured[0]) > kSame_m || std::abs(size.y - configured[1]) > kSame_m ||
@@ -141,8 +141,8 @@ bool is_another_room(const LiveState& state) {
 /// So large that both rooms fit.
 std::array<float, 3> drawn_size_m(const LiveState& state) {
   std::array<float, 3> size = state.hello.room.size_m;
-  if (!state.truth) return size;
-  const Point3& simulated = state.truth->hello.size_m;
+  if (!state.truth || !state.truth->hello) return size;
+  const Point3& simulated = state.truth->hello->size_m;
   return {std::max(size[0], simulated.x), std::max(size[1], simulated.y), std::max(size[2], simulated.z)};
 }
 
@@ -394,8 +394,9 @@ std::string error_words(const FrameError& error) {
 }
 
 std::string accuracy_words(const ErrorSums& sums) {
-  return fmt::format("{} m off on average, {} % of people found, count right {} %",
+  return fmt::format("{} m off on average, {} % of people found, {} % of claims right, count right {} %",
                      number_or_dash(sums.mean_error_m(), "{:.3f}"), percent_or_dash(sums.found_ratio()),
+                     percent_or_dash(sums.claimed_rightly_ratio()),
                      percent_or_dash(sums.count_right_ratio()));
 }
 

@@ -17,7 +17,7 @@ namespace csipose {
 
 /// What the simulator says, and how the poses did against it.
 struct TruthView {
-  TruthHello hello;
+  std::optional<TruthHello> hello;  ///< none: the room is what the daemon is configured for
   std::optional<Truth>
       shown;  ///< at the middle of the window that the poses came from; the newest when there is no pose
   double age_s = 0;         ///< of what is shown
@@ -49,7 +49,7 @@ std::string words_for(Reason reason);
 std::string frame_line(const ReceivedPose& pose);
 /// What is added to it when the truth is known: " truth=2 matched=1 error_m=0.142".
 std::string error_words(const FrameError& error);
-/// "0.142 m on average, 55 % of people found, count right 80 %", or "-" for what is not known.
+/// "0.142 m on average, 55 % of people found, 90 % of claims right, count right 80 %", or "-" for what is not known.
 std::string accuracy_words(const ErrorSums& sums);
 
 }  // namespace csipose

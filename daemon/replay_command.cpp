@@ -49,6 +49,7 @@ void replay(const ReplayWords& words) {
   WatchOptions options = watch_options(words, "");  // mistakes there are said before anything is started
   OwnDaemon daemon(settings_for(words));
   options.socket = daemon.socket();
+  if (words.files.size() == 1) options.truth_recording = words.files.front();
   const WatchOutcome outcome = watch(options);
   daemon.finish(!outcome.bye.empty() || outcome.vanished);
   const std::string sentence = conclude(options, outcome);

@@ -12,7 +12,6 @@
 namespace csipose {
 namespace {
 
-constexpr auto kKept = std::chrono::seconds(3);  // longer than any pose is under way
 constexpr auto kHelloPatience = std::chrono::milliseconds(2000);
 
 }  // namespace
@@ -45,13 +44,14 @@ void TruthClient::drain() {
   for (std::string line; cut_line(line);) take(line);
 }
 
-const Truth* TruthClient::at(UtcTime time) const {
-  const auto apart = [&](const Truth& truth) { return std::abs(ns(truth.sent - time)); };
-  const auto nearest = std::min_element(kept_.begin(), kept_.end(),
-                                        [&](const Truth& a, const Truth& b) { return apart(a) < apart(b); });
-  const double spacing_s = 1 / (hello_.rate_hz * hello_.speed);
-  return nearest == kept_.end() || static_cast<double>(apart(*nearest)) > 1e9 * spacing_s ? nullptr
-                                                                                          : &*nearest;
+const Truth* TruthClient::at(UtcTime time) { return nearest(time, 1 / (hello_.rate_hz * hello_.speed)); }
+
+double TruthClient::age_s(const Truth& truth) const {
+  return seconds(std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()) - truth.sent);
+}
+
+std::string TruthClient::silence() const {
+  return closed_ ? "the simulator has ended" : "the simulator sends nothing at this time";
 }
 
 bool TruthClient::cut_line(std::string& line) {
@@ -81,8 +81,7 @@ void TruthClient::take(const std::string& line) {
   if (!said)
     throw SetupError(ExitStatus::bad_data,
                      fmt::format("{} sends a line that is no truth: {}.", path_, said.error()));
-  if (auto* truth = std::get_if<Truth>(&*said)) kept_.push_back(std::move(*truth));
-  while (!kept_.empty() && kept_.back().sent - kept_.front().sent > kKept) kept_.pop_front();
+  if (auto* truth = std::get_if<Truth>(&*said)) keep(std::move(*truth));
 }
 
 }  // namespace csipose

@@ -2,25 +2,23 @@
 // at a given time.
 #pragma once
 
-#include <deque>
 #include <string>
 
-#include "proto/truth.h"
+#include "daemon/truth_source.h"
 #include "proto/unix_socket.h"
 
 namespace csipose {
 
-class TruthClient {
+class TruthClient final : public TruthSource {
  public:
   /// Connects and waits for the hello. Throws SetupError: nobody there, no right, or what answers is no simulator.
   explicit TruthClient(const std::string& path);
 
-  const TruthHello& hello() const { return hello_; }
-  /// Takes what has come; never waits. Throws SetupError when it is no truth.
-  void drain();
-  /// The instant nearest to `time`, if one lies within a packet's spacing of it; nullptr otherwise. Valid until drain().
-  const Truth* at(UtcTime time) const;
-  const Truth* newest() const { return kept_.empty() ? nullptr : &kept_.back(); }
+  const TruthHello* hello() const override { return &hello_; }
+  void drain() override;
+  const Truth* at(UtcTime time) override;
+  double age_s(const Truth& truth) const override;
+  std::string silence() const override;
   bool closed() const { return closed_; }
 
  private:
@@ -32,7 +30,6 @@ class TruthClient {
   FileDescriptor fd_;
   std::string bytes_;
   TruthHello hello_;
-  std::deque<Truth> kept_;  // of the last seconds, ascending in time
   bool closed_ = false;
 };
 

@@ -9,6 +9,7 @@
 #include "daemon/stream_client.h"
 #include "daemon/terminal.h"
 #include "daemon/truth_client.h"
+#include "daemon/truth_recording.h"
 
 namespace csipose {
 namespace {
@@ -32,17 +33,24 @@ Subscription subscription_for(const WatchOptions& options) {
   return asked;
 }
 
-UtcTime utc_now() { return std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()); }
-
 /// The poses beside the truth of the instant that they speak of: the middle of their window.
 class TruthWatch {
  public:
-  explicit TruthWatch(const std::string& socket) : client_(socket) { view_.hello = client_.hello(); }
+  explicit TruthWatch(std::unique_ptr<TruthSource> source) : source_(std::move(source)) {
+    if (const TruthHello* hello = source_->hello()) view_.hello = *hello;
+  }
+  /// nullptr: nobody says what is true.
+  static std::unique_ptr<TruthWatch> of(const WatchOptions& options) {
+    std::unique_ptr<TruthSource> source;
+    if (!options.truth.empty()) source = std::make_unique<TruthClient>(options.truth);
+    if (!options.truth_recording.empty()) source = TruthRecording::open(options.truth_recording);
+    return source ? std::make_unique<TruthWatch>(std::move(source)) : nullptr;
+  }
 
   std::optional<FrameError> compare(const ReceivedPose& pose) {
-    client_.drain();
-    const Truth* truth = pose.frame.window_end > UtcTime{} ? client_.at(middle_of(pose.frame)) : nullptr;
-    show(truth != nullptr ? truth : client_.newest());
+    source_->drain();
+    const Truth* truth = pose.frame.window_end > UtcTime{} ? source_->at(middle_of(pose.frame)) : nullptr;
+    show(truth != nullptr ? truth : source_->newest());
     view_.with_poses = truth != nullptr;
     if (truth == nullptr) return std::nullopt;
     std::vector<Skeleton> claimed, real;
@@ -55,14 +63,14 @@ class TruthWatch {
   }
   /// When there is no pose, the newest.
   void show_newest() {
-    client_.drain();
+    source_->drain();
     view_.with_poses = false;
-    show(client_.newest());
+    show(source_->newest());
   }
   const TruthView& view() {
-    if (view_.shown) view_.age_s = seconds(utc_now() - view_.shown->sent);
+    if (view_.shown) view_.age_s = source_->age_s(*view_.shown);
     if (view_.age_s > seconds(kOld)) view_.shown.reset();
-    view_.silence = client_.closed() ? "the simulator has ended" : "the simulator sends nothing at this time";
+    view_.silence = source_->silence();
     return view_;
   }
 
@@ -72,7 +80,7 @@ class TruthWatch {
   }
   void show(const Truth* truth) { view_.shown = truth == nullptr ? std::nullopt : std::optional(*truth); }
 
-  TruthClient client_;
+  std::unique_ptr<TruthSource> source_;
   ErrorMeter meter_;
   TruthView view_;
 };
@@ -102,7 +110,7 @@ class Watcher {
         client_(options.socket, options.format == WatchFormat::jsonl ? Format::json : Format::protobuf),
         ends_(options.duration ? std::optional(steady_now() + *options.duration) : std::nullopt) {
     state_.hello = outcome_.hello = client_.hello();
-    if (!options.truth.empty()) truth_ = std::make_unique<TruthWatch>(options.truth);
+    truth_ = TruthWatch::of(options);
     client_.subscribe(subscription_for(options));
     if (options.format == WatchFormat::live) screen_ = std::make_unique<LiveScreen>();
   }

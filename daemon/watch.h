@@ -18,6 +18,8 @@ enum class WatchFormat : std::uint8_t { live, text, jsonl, protobuf };
 struct WatchOptions {
   std::string socket;
   std::string truth;  ///< the simulator's truth socket; empty = none
+  std::string
+      truth_recording;  ///< or the recording that is replayed, which is asked for its own; empty = none
   WatchFormat format = WatchFormat::text;
   float max_hz = 0;                     ///< 0 = every frame; the live view never asks for more than it draws
   std::optional<Nanoseconds> duration;  ///< ends by itself after this

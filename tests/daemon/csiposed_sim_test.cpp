@@ -71,8 +71,8 @@ TEST_F(Simulated, TwoPeopleInAnOfficeComeThroughTheDoorAndTheirTruthBesideThem) 
       start_simulator({"--scene", "office", "--people", "2", "--seconds", "2", "--truth", truth_socket()});
   ASSERT_TRUE(eventually([&] { return fs::exists(truth_socket()); })) << simulator->log();
   TruthClient truth(truth_socket());
-  EXPECT_EQ(truth.hello().scene, "office, 2 people: walk");
-  EXPECT_EQ(truth.hello().receivers_m.size(), 3U);
+  EXPECT_EQ(truth.hello()->scene, "office, 2 people: walk");
+  EXPECT_EQ(truth.hello()->receivers_m.size(), 3U);
 
   int windows = 0, paired = 0;
   for (ServerMessage message; simulator->running();) {

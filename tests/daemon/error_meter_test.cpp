@@ -46,6 +46,7 @@ TEST(ErrorMeter, CountsFramesWithTheRightNumberOfPeople) {
   EXPECT_EQ(meter.poses().count_right_ratio(), 0.5);
   EXPECT_EQ(meter.poses().claimed, 3U);
   EXPECT_EQ(meter.poses().matched, 2U) << "two claims of one person are one hit";
+  EXPECT_DOUBLE_EQ(meter.poses().claimed_rightly_ratio(), 2. / 3);
 }
 
 TEST(ErrorMeter, NobodyAndNumbersThatAreNoneMatchNobody) {

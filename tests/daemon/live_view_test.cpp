@@ -179,10 +179,13 @@ TEST(LiveView, TruthIsDrawnWhenNobodyIsClaimedAndNotTakenForAResult) {
 TEST(LiveView, SaysWhenTheRoomIsNotTheSimulators) {
   LiveState state = state_with(1);
   state.truth = truth_with(1);
-  state.truth->hello.size_m = {4, 3.5F, 2.6F};
+  state.truth->hello = TruthHello();
+  state.truth->hello->size_m = {4, 3.5F, 2.6F};
   EXPECT_FALSE(has(text_of(render_live(state, 80, 24)), "room not as simulated"));
-  state.truth->hello.size_m = {5.6F, 4.8F, 2.8F};
+  state.truth->hello->size_m = {5.6F, 4.8F, 2.8F};
   EXPECT_TRUE(has(text_of(render_live(state, 80, 24), 80), "room not as simulated"));
+  state.truth->hello.reset();  // a recording does not say
+  EXPECT_FALSE(has(text_of(render_live(state, 80, 24)), "room not as simulated"));
 }
 
 TEST(LiveView, WhatIsNotMeasuredIsADash) {

@@ -38,7 +38,7 @@ TEST_F(TruthReading, FindsTheInstantNearestToATime) {
   });
   TruthClient client(path_);
   admit.join();
-  EXPECT_EQ(client.hello().scene, "test");
+  EXPECT_EQ(client.hello()->scene, "test");
   EXPECT_EQ(client.newest(), nullptr);
   EXPECT_EQ(client.at(time(0)), nullptr);
   for (int i = 0; i < 500; ++i) {
