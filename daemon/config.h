@@ -73,9 +73,9 @@ struct Config {
   } loop;
   struct {
     int max = 5;
-    double min_score = 0.5, nms_distance_m = 0.25;
+    double min_score = 0.4, nms_distance_m = 0.25;
     bool track = true;
-    int track_timeout_ms = 1000;
+    int track_timeout_ms = 1000, score_memory_ms = 300;
     std::string smoothing = "none";
   } people;
   struct {

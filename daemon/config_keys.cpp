@@ -105,6 +105,10 @@ const std::vector<Key<Config>>& table() {
       {"people.track", FIELD(people.track), any(), R, "stable ids over time"},
       {"people.track_timeout_ms", FIELD(people.track_timeout_ms), from(0, 60000), R,
        "a track not seen for so long ends"},
+      {"people.score_memory_ms", FIELD(people.score_memory_ms), from(0, 60000), R,
+       "a tracked person's score is the mean over about so long, where windows without the person count as "
+       "0; 0 = of each "
+       "window alone"},
       {"people.smoothing", FIELD(people.smoothing), one_of({"none", "one_euro"}), R,
        "of joints over time; the joints before smoothing are then in the message too"},
 

@@ -162,6 +162,7 @@ EstimatorConfig estimator_config(const Config& config) {
   people.nms_distance_m = static_cast<float>(config.people.nms_distance_m);
   people.track = config.people.track;
   people.track_timeout = milliseconds(config.people.track_timeout_ms);
+  people.score_memory = milliseconds(config.people.score_memory_ms);
   people.smoothing = meaning<Smoothing>(config.people.smoothing,
                                         {{"none", Smoothing::none}, {"one_euro", Smoothing::one_euro}});
   return people;

@@ -15,6 +15,8 @@
 namespace csipose {
 namespace {
 
+constexpr float kFollowed = 0.1f;  // whoever scores less in a window adds nothing to a track
+
 void check(const EstimatorConfig& config) {
   const auto refuse = [](const std::string& words) { throw SetupError(ExitStatus::bad_config, words); };
   if (config.max_people < 1 || config.max_people > static_cast<int>(kMaxPeople))
@@ -68,7 +70,9 @@ void PoseEstimator::configure(const EstimatorConfig& config) {
   check(config);
   if (state_->config.track && !config.track) state_->tracker.reset();
   state_->config = config;
-  state_->tracker.configure({config.track_timeout, config.smoothing == Smoothing::one_euro});
+  state_->tracker.configure({config.track_timeout, config.smoothing == Smoothing::one_euro,
+                             config.score_memory, config.min_score,
+                             static_cast<std::size_t>(config.max_people)});
 }
 
 const Estimate& PoseEstimator::estimate(const Window& window) {
@@ -78,14 +82,17 @@ const Estimate& PoseEstimator::estimate(const Window& window) {
   const NearestBackground here = s.installation.add(window.x, window.links, window.last_sample);
   if (here.unlikeness > kMostUnlike) return s.nobody(Reason::unknown_installation);
   const NetworkOutput output = s.engine->run(window.x, window.links, here.background);
-  const Selection selection = {static_cast<std::size_t>(s.config.max_people), s.config.min_score,
-                               s.config.nms_distance_m};
+  const Selection selection =
+      s.config.track ? Selection{kMaxPeople, std::min(kFollowed, s.config.min_score), s.config.nms_distance_m}
+                     : Selection{static_cast<std::size_t>(s.config.max_people), s.config.min_score,
+                                 s.config.nms_distance_m};
   const Selected selected = select_people(output, *s.model, selection, s.estimate.people);
   if (selected.not_finite) return s.nobody(Reason::nan_input);
   s.estimate.people_count = static_cast<std::uint32_t>(selected.count);
   s.estimate.reasons = 0;
   if (s.config.track)
-    s.tracker.update(window.last_sample, std::span(s.estimate.people).first(selected.count));
+    s.estimate.people_count = static_cast<std::uint32_t>(
+        s.tracker.update(window.last_sample, std::span(s.estimate.people).first(selected.count)));
   return s.estimate;
 }
 

@@ -15,10 +15,12 @@ enum class Smoothing : std::uint8_t { none, one_euro };
 
 struct EstimatorConfig {
   int max_people = 5;            ///< at most kMaxPeople
-  float min_score = 0.5f;        ///< on the calibrated score
+  float min_score = 0.4f;        ///< on the calibrated score: the track's, or the window's without tracking
   float nms_distance_m = 0.25f;  ///< mean joint distance under which the lower-scored of two poses is dropped
   bool track = true;
   Nanoseconds track_timeout = std::chrono::milliseconds(1000);
+  Nanoseconds score_memory =
+      std::chrono::milliseconds(300);  ///< that a track's score is the mean of; 0: the window's
   Smoothing smoothing = Smoothing::none;
 };
 
@@ -42,7 +44,7 @@ class PoseEstimator {
   /// Runs the network on the window's present links, against the background of the installation that the last seconds came from. Fewer links than the model allows, numbers that are not finite, or
   /// an installation that the model does not know, give no people and the reason. Tracks age by `window.last_sample`.
   const Estimate& estimate(const Window& window);
-  /// Takes new values of min_score, track, track_timeout, smoothing between two windows (configuration reload).
+  /// Takes new values of min_score, track, track_timeout, score_memory, smoothing between two windows (configuration reload).
   void configure(const EstimatorConfig& config);
   /// Forgets all tracks and the installation (data stopped: nobody is followed across the silence); ids are still never reused.
   void reset();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <tuple>
 
 namespace csipose {
 namespace {
@@ -13,6 +14,7 @@ constexpr double kGateGrowth_m_per_s = 1.5;  // a person out of sight may have t
 constexpr double kMaxPrediction_s = 0.5;     // nobody walks straight on for ever
 constexpr double kVelocityMemory_s = 0.15;   // about five windows at 30 a second
 constexpr double kForbidden = 1e6;           // more than any sum of allowed distances
+constexpr double kNearerIfSure_m = 0.3;  // by which a track of score 1 counts as nearer than one of score 0
 
 std::array<double, 3> coordinates(const Point3& p) {
   return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
@@ -41,8 +43,9 @@ Tracker::Tracker(const TrackerConfig& config) : config_(config), assignment_(kMa
   costs_.reserve(kMaxTracks * kMaxPeople);
 }
 
-void Tracker::update(SteadyTime now, std::span<Person> people) {
+std::size_t Tracker::update(SteadyTime now, std::span<Person> people) {
   assert(people.size() <= kMaxPeople);
+  forget_scores(now);
   forget_old(now);
   fill_costs(now, people);
   const std::size_t old_tracks = tracks_.size();
@@ -56,11 +59,19 @@ void Tracker::update(SteadyTime now, std::span<Person> people) {
   }
   for (std::size_t p = 0; p < people.size(); ++p)
     if (!known[p]) follow(start(now, people[p]), now, people[p]);
-  std::sort(people.begin(), people.end(), [](const Person& a, const Person& b) { return a.id < b.id; });
+  return publish(people);
+}
+
+void Tracker::forget_scores(SteadyTime now) {
+  if (now < now_) reset();
+  const double memory_s = seconds(config_.score_memory);
+  const double kept = memory_s > 0 && begun_ ? std::exp(-seconds(now - now_) / memory_s) : 0;
+  begun_ = true;
+  window_weight_ = 1 - kept;
+  for (Track& track : tracks_) track.score *= kept;
 }
 
 void Tracker::forget_old(SteadyTime now) {
-  if (now < now_) reset();
   now_ = now;
   std::erase_if(tracks_, [&](const Track& track) { return now - track.seen > config_.timeout; });
 }
@@ -75,26 +86,28 @@ void Tracker::fill_costs(SteadyTime now, std::span<const Person> people) {
     for (double& s : shift) s *= std::min(unseen_s, kMaxPrediction_s);
     for (std::size_t p = 0; p < people.size(); ++p) {
       const double distance_m = mean_joint_distance(people[p].joints, track.joints, shift);
-      if (distance_m <= gate_m) costs_[t * people.size() + p] = distance_m;
+      if (distance_m <= gate_m) costs_[t * people.size() + p] = distance_m - kNearerIfSure_m * track.score;
     }
   }
 }
 
-/// With all places taken, the one who has been out of sight longest makes room; there are more places than
-/// people in a window, so that is never somebody seen now.
+/// With all places taken, of those who are not seen now the one with the least score, or out of sight longest, makes room; there are more places than
+/// people in two windows.
 Tracker::Track& Tracker::start(SteadyTime now, const Person& person) {
   static_assert(kMaxTracks >= 2 * kMaxPeople);
   Track track;
-  track.id = next_id_++;
   track.born = track.seen = now;
   track.joints = person.joints;
   if (tracks_.size() < kMaxTracks) return tracks_.emplace_back(track);
-  const auto longest = std::min_element(tracks_.begin(), tracks_.end(),
-                                        [](const Track& a, const Track& b) { return a.seen < b.seen; });
-  return *longest = track;
+  return *std::ranges::min_element(tracks_, {}, [&](const Track& it) {
+    return std::tuple(it.seen == now, it.score, it.seen);
+  }) = track;
 }
 
-void Tracker::follow(Track& track, SteadyTime now, Person& person) const {
+void Tracker::follow(Track& track, SteadyTime now, Person& person) {
+  track.score += window_weight_ * static_cast<double>(person.score);
+  person.score = static_cast<float>(track.score);
+  if (track.id == 0 && person.score >= config_.min_score) track.id = next_id_++;
   const double dt_s = seconds(now - track.seen);
   const auto before = root_of(track.joints), after = root_of(person.joints);
   if (dt_s > 0)
@@ -116,6 +129,18 @@ void Tracker::follow(Track& track, SteadyTime now, Person& person) const {
                         static_cast<float>(filters[1].filter(raw[1], dt_s)),
                         static_cast<float>(filters[2].filter(raw[2], dt_s))};
   }
+}
+
+std::size_t Tracker::publish(std::span<Person> people) const {
+  const auto rest = std::ranges::partition(
+      people, [&](const Person& person) { return person.id != 0 && person.score >= config_.min_score; });
+  const auto likely = std::span(people.begin(), rest.begin());
+  std::ranges::sort(likely, [](const Person& a, const Person& b) {
+    return a.score != b.score ? a.score > b.score : a.id < b.id;
+  });
+  const auto published = likely.first(std::min(likely.size(), config_.max_people));
+  std::ranges::sort(published, {}, &Person::id);
+  return published.size();
 }
 
 }  // namespace csipose

@@ -180,14 +180,47 @@ TEST_F(Estimator, DoesNotAllocate) {
 }
 
 TEST(EstimatorWithANetwork, AnUntrainedNetworkFindsNobody) {
-  const auto model = init_random(preset_config("micro"), 1, HeadInit::zero);
-  PoseEstimator estimator(model, make_reference_engine(model), {});
-  Window window;
-  window.links.set();
-  const Estimate& estimate = estimator.estimate(window);
-  EXPECT_EQ(estimate.people_count, 0u);
-  EXPECT_EQ(estimate.reasons, 0u);
-  EXPECT_TRUE(estimator.model().untrained());
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const auto model = init_random(preset_config("tiny"), seed, HeadInit::zero);
+    PoseEstimator estimator(model, make_reference_engine(model), {});
+    Window window;
+    window.links.set();
+    SeededRandom random(seed, "window");
+    for (float& number : window.x) number = static_cast<float>(random.normal());
+    const Estimate& estimate = estimator.estimate(window);
+    EXPECT_EQ(estimate.people_count, 0u) << seed;
+    EXPECT_EQ(estimate.reasons, 0u);
+    EXPECT_TRUE(estimator.model().untrained());
+  }
+}
+
+/// Probability p as a logit.
+float logit_of(float p) { return std::log(p / (1 - p)); }
+
+TEST_F(Estimator, AScoreIsTheWindowsOwnWithoutTrackingOrMemory) {
+  for (const bool track : {true, false}) {
+    EstimatorConfig config;
+    config.track = track;
+    config.score_memory = {};
+    estimator->configure(config);
+    estimator->reset();
+    for (const float score : {0.9f, 0.3f, 0.4f}) {
+      for (float& logit : network->logits) logit = logit_of(score);
+      const Estimate& estimate = next();
+      ASSERT_EQ(estimate.people_count, score < config.min_score ? 0u : 2u);
+      if (score >= config.min_score) {
+        EXPECT_NEAR(estimate.people[0].score, score, 1e-6);
+      }
+    }
+  }
+}
+
+TEST_F(Estimator, SomebodyOfWhomAWindowIsLessSureIsStillSent) {
+  next();
+  for (float& logit : network->logits) logit = logit_of(0.2f);
+  EXPECT_EQ(next().people_count, 2u);
+  for (float& logit : network->logits) logit = logit_of(0.05f);
+  EXPECT_EQ(next().people_count, 0u) << "nobody is followed on that";
 }
 
 }  // namespace

@@ -181,6 +181,86 @@ TEST(Tracker, WithoutSmoothingJointsAreAsDetected) {
   }
 }
 
+// ---- how surely somebody is there ----
+
+constexpr double kMemory_s = 0.3;
+/// Those below 0.35 are followed and not published.
+Tracker forgetful(std::size_t most = kMaxPeople) {
+  return Tracker({milliseconds(1000), false, milliseconds(300), 0.35f, most});
+}
+Person scored(double x_m, float score) {
+  Person person = standing(x_m, 1);
+  person.score = score;
+  return person;
+}
+
+// One is there from the beginning; another comes into windows 10 to 19, is not seen in 20 to 24, and is in all after that.
+TEST(Tracker, AScoreIsTheMeanOverTheLastMoments) {
+  Tracker tracker = forgetful();
+  const double kept = std::exp(-seconds(kStep) / kMemory_s);
+  double expected = 0;
+  for (int i = 0; i < 60; ++i) {
+    std::vector<Person> people = {scored(1, 0.9f)};
+    const bool seen = (i >= 10 && i < 20) || i >= 25;
+    if (seen) people.push_back(scored(4, 0.6f));
+    expected = kept * expected + (seen ? (1 - kept) * 0.6 : 0);
+    const std::size_t published = tracker.update(at(kStep * i), people);
+    ASSERT_EQ(published, seen && expected >= 0.35 ? 2u : 1u) << i;
+    EXPECT_EQ(people[0].id, 1u);
+    EXPECT_NEAR(people[0].score, 0.9, 1e-6);
+    if (published == 2) {
+      EXPECT_EQ(people[1].id, 2u);
+      EXPECT_NEAR(people[1].score, expected, 1e-6);
+    }
+  }
+  EXPECT_NEAR(expected, 0.6, 1e-2);
+}
+
+TEST(Tracker, WhoIsSeenInOneWindowAloneNeverAppears) {
+  Tracker tracker = forgetful();
+  for (int i = 0; i < 30; ++i) {
+    std::vector<Person> people = {scored(1, 0.9f)};
+    if (i % 10 == 5) people.push_back(scored(10 + i, 0.99f));
+    EXPECT_EQ(tracker.update(at(kStep * i), people), 1u);
+  }
+  std::vector<Person> people = {scored(1, 0.9f)};
+  update_one(tracker, kStep * 30, scored(3, 0.99f));
+  for (int i = 31; i < 60; ++i) {
+    people = {scored(3, 0.99f)};
+    tracker.update(at(kStep * i), people);
+  }
+  EXPECT_EQ(people[0].id, 2u) << "those who never appeared took no id";
+}
+
+TEST(Tracker, WhomAWindowIsLessSureOfStays) {
+  Tracker tracker = forgetful();
+  for (int i = 0; i < 60; ++i) {
+    std::vector<Person> people = {scored(1, i % 2 == 0 ? 0.9f : 0.1f)};
+    EXPECT_EQ(tracker.update(at(kStep * i), people), 1u) << i;
+    EXPECT_EQ(people[0].id, 1u);
+  }
+}
+
+TEST(Tracker, TheSurestArePublishedWhereThereArePlacesForFewer) {
+  Tracker tracker = forgetful(2);
+  std::vector<Person> people = {scored(1, 0.5f), scored(3, 0.9f), scored(5, 0.7f)};
+  EXPECT_EQ(tracker.update(at(milliseconds(0)), people), 2u);
+  EXPECT_NEAR(people[0].score + people[1].score, 1.6, 1e-6);
+  EXPECT_LT(people[0].id, people[1].id);
+}
+
+// A place between the tracks of two: it is the surer one who is there.
+TEST(Tracker, OfTwoAsNearTheSurerOneGoesOn) {
+  Tracker tracker({milliseconds(1000), false, milliseconds(300)});
+  std::vector<Person> people;
+  for (int i = 0; i < 20; ++i) {
+    people = {scored(1.0, 0.4f), scored(1.4, 0.9f)};
+    tracker.update(at(kStep * i), people);
+  }
+  const std::uint32_t surer = people[1].id;
+  EXPECT_EQ(update_one(tracker, kStep * 20, scored(1.19, 0.8f)), surer);
+}
+
 // Ten new people in every window, for ever: places run out, memory does not.
 TEST(Tracker, ACrowdOfStrangersNeedsNoMemory) {
   std::mt19937 random(9);
