@@ -1,15 +1,9 @@
 #include "capture/dat_file.h"
 
-#include <fcntl.h>
-#include <sys/mman.h>
-#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <utility>
 
-#include "proto/file_descriptor.h"
 #include "proto/result.h"
 
 namespace csipose {
@@ -18,14 +12,6 @@ namespace {
 constexpr std::size_t kStandingRecords = 8;
 constexpr std::int64_t kMaxStep_us = 60'000'000;  // longer: the clock was set, not the transmitter silent
 constexpr std::int64_t kMaxUsual_us = 1'000'000;  // steps that count as the usual distance of two records
-
-[[noreturn]] void refuse(const std::string& path) {
-  const int error = errno;
-  const ExitStatus status = error == ENOENT   ? ExitStatus::no_input
-                            : error == EACCES ? ExitStatus::no_permission
-                                              : ExitStatus::io;
-  throw SetupError(status, "cannot read " + path + ": " + std::strerror(error));
-}
 
 bool stamps_are_wide(ByteView bytes) {
   if (bytes.size() < 16) return false;
@@ -41,26 +27,6 @@ std::string side_file_of(const std::string& path) { return path + "stp"; }
 bool exists(const std::string& path) { return ::access(path.c_str(), F_OK) == 0; }
 
 }  // namespace
-
-MappedFile::MappedFile(const std::string& path) {
-  const FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  struct stat info {};
-  if (!file || fstat(file.get(), &info) != 0) refuse(path);
-  if (!S_ISREG(info.st_mode)) throw SetupError(ExitStatus::no_input, path + " is not a file");
-  if (info.st_size == 0) return;
-  const auto size = static_cast<std::size_t>(info.st_size);
-  void* const memory = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, file.get(), 0);
-  if (memory == MAP_FAILED) refuse(path);
-  bytes_ = ByteView(memory, size);
-}
-MappedFile::MappedFile(MappedFile&& other) noexcept : bytes_(std::exchange(other.bytes_, {})) {}
-MappedFile& MappedFile::operator=(MappedFile&& other) noexcept {
-  std::swap(bytes_, other.bytes_);
-  return *this;
-}
-MappedFile::~MappedFile() {
-  if (!bytes_.empty()) ::munmap(const_cast<std::uint8_t*>(bytes_.data()), bytes_.size());
-}
 
 std::vector<std::int64_t> parse_side_file(ByteView bytes, std::size_t records) {
   const bool wide = stamps_are_wide(bytes);

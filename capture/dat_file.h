@@ -18,24 +18,11 @@
 #include <vector>
 
 #include "proto/bytes.h"
+#include "proto/mapped_file.h"
 #include "proto/record_stream.h"
 #include "proto/time.h"
 
 namespace csipose {
-
-/// Bytes of a whole file, mapped; they must not change meanwhile.
-class MappedFile {
- public:
-  /// Throws SetupError when the file cannot be read.
-  explicit MappedFile(const std::string& path);
-  MappedFile(MappedFile&& other) noexcept;
-  MappedFile& operator=(MappedFile&& other) noexcept;
-  ~MappedFile();
-  ByteView bytes() const { return bytes_; }
-
- private:
-  ByteView bytes_;
-};
 
 /// Reads a .datstp side file: UTC of each of `records` records in ns. Empty when the bytes are no such file;
 /// shorter than `records` when the side file was cut.

@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "capture/dat_file.h"
+#include "proto/mapped_file.h"
 #include "proto/recording.h"
 #include "proto/result.h"
 

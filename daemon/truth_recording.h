@@ -4,9 +4,9 @@
 #include <memory>
 #include <string>
 
-#include "capture/dat_file.h"
 #include "daemon/truth_source.h"
-#include "proto/mcap.h"
+#include "proto/mapped_file.h"
+#include "proto/truth_reader.h"
 
 namespace csipose {
 
@@ -26,11 +26,10 @@ class TruthRecording final : public TruthSource {
  private:
   explicit TruthRecording(const std::string& path);
   /// Keeps the next truth; false when there is no more among `messages` messages.
-  bool read_on(std::uint64_t messages = UINT64_MAX);
+  bool read_on(std::uint64_t messages);
 
-  std::string path_;
   MappedFile file_;
-  McapReader reader_;
+  TruthReader reader_;
 };
 
 }  // namespace csipose

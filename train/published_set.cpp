@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <optional>
 
-#include "train/mapped_file.h"
+#include "proto/mapped_file.h"
 #include "train/mat_file.h"
 #include "train/published_files.h"
 #include "train/refuse.h"

@@ -7,11 +7,10 @@
 
 #include "capture/recorded_windows.h"
 #include "capture/replay.h"
-#include "proto/mcap.h"
+#include "proto/mapped_file.h"
 #include "proto/npy.h"
-#include "proto/truth.h"
+#include "proto/truth_reader.h"
 #include "train/label_rows.h"
-#include "train/mapped_file.h"
 #include "train/refuse.h"
 
 namespace csipose::train {
@@ -37,15 +36,8 @@ class RecordedTruth final : public TruthOf {
  public:
   RecordedTruth(const fs::path& path, double grid_hz) : grid_step_(from_seconds(1 / grid_hz)) {
     const MappedFile file(path);
-    McapReader reader(file.bytes());
-    while (const auto message = reader.next()) {
-      const auto channel = reader.channels().find(message->channel);
-      if (channel == reader.channels().end() || channel->second.topic != "/truth") continue;
-      const std::string_view line(reinterpret_cast<const char*>(message->data.data()), message->data.size());
-      const Result<TruthMessage, std::string> parsed = parse_truth(line);
-      if (!parsed) refuse(path, fmt::format("its truth is damaged: {}", parsed.error()));
-      const Truth* truth = std::get_if<Truth>(&*parsed);
-      if (truth == nullptr) continue;
+    TruthReader reader(file.bytes(), path.string());
+    while (const std::optional<Truth> truth = reader.next()) {
       People people;
       for (const TruePerson& person : truth->people) people.push_back(person.joints);
       instants_.push_back({ns(truth->sent), std::move(people)});

@@ -9,9 +9,9 @@
 #include <glm/gtc/packing.hpp>
 #include <nlohmann/json.hpp>
 
+#include "proto/mapped_file.h"
 #include "proto/npy.h"
 #include "train/label_rows.h"
-#include "train/mapped_file.h"
 #include "train/refuse.h"
 #include "train/snapshot_windows.h"
 

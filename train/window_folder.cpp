@@ -8,9 +8,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "proto/mapped_file.h"
 #include "proto/npy.h"
 #include "train/label_rows.h"
-#include "train/mapped_file.h"
 #include "train/refuse.h"
 
 namespace csipose::train {
