@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/core.h>
+#include <fmt/ranges.h>
 #include <sodium/crypto_hash_sha256.h>
 #include <unistd.h>
 
@@ -123,6 +124,19 @@ nlohmann::ordered_json plan_json(const DatasetPlan& plan) {
   return json;
 }
 
+/// What a manifest says otherwise of how it was made: ", whose seed is 1 and not 2".
+std::string other_maker(const nlohmann::ordered_json& manifest, const DatasetPlan& plan) {
+  std::vector<std::string> differences;
+  for (const auto& [what, ours] : plan.made_by) {
+    const nlohmann::ordered_json::json_pointer place(fmt::format("/plan/made_by/{}", what));
+    if (!manifest.is_structured() || !manifest.contains(place)) continue;
+    const std::string theirs =
+        manifest[place].is_string() ? manifest[place].get<std::string>() : manifest[place].dump();
+    if (theirs != ours) differences.push_back(fmt::format("{} is {} and not {}", what, theirs, ours));
+  }
+  return differences.empty() ? "" : fmt::format(", whose {}", fmt::join(differences, ", "));
+}
+
 }  // namespace
 
 Dataset::Dataset(DatasetPlan plan)
@@ -134,10 +148,11 @@ Dataset::Dataset(DatasetPlan plan)
   if (fs::exists(manifest)) {
     const auto there = nlohmann::ordered_json::parse(read_text(manifest), nullptr, false);
     if (!there.is_object() || !there.contains("plan") || there["plan"] != plan_json(plan_))
-      throw SetupError(ExitStatus::bad_data,
-                       fmt::format("{} already holds another data set; choose another folder with --out, or "
-                                   "delete this one",
-                                   plan_.folder.string()));
+      throw SetupError(
+          ExitStatus::bad_data,
+          fmt::format(
+              "{} already holds another data set{}; choose another folder with --out, or delete this one",
+              plan_.folder.string(), other_maker(there, plan_)));
     finished_ = true;
     std::fill(done_.begin(), done_.end(), 1);
     return;

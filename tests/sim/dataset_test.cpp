@@ -102,7 +102,12 @@ TEST_F(DatasetTest, AnotherPlanIsNotMixedIn) {
   { Dataset begun(plan("a")); }
   EXPECT_THROW(Dataset{plan("a", "5")}, SetupError);
   make_whole("b", 1);
-  EXPECT_THROW(Dataset{plan("b", "5")}, SetupError);
+  try {
+    Dataset{plan("b", "5")};
+    FAIL() << "another seed";
+  } catch (const SetupError& error) {
+    EXPECT_NE(std::string(error.what()).find("whose seed is 4 and not 5"), std::string::npos) << error.what();
+  }
 }
 
 TEST_F(DatasetTest, AFailingClipEndsTheRunWithItsError) {
