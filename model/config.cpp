@@ -240,8 +240,7 @@ void require_engine_tokens(const NetworkConfig& config) {
   if (config.flat_tokens)
     refuse(
         "the network takes flat tokens, which serve to compare with: `csipose-train experiment` learns and "
-        "judges it, "
-        "nothing else computes it; take weights without 'flat_tokens'");
+        "judges it, nothing else computes it; take weights without 'flat_tokens'");
 }
 
 std::vector<TensorSpec> required_tensors(const NetworkConfig& config) {

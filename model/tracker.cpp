@@ -91,8 +91,8 @@ void Tracker::fill_costs(SteadyTime now, std::span<const Person> people) {
   }
 }
 
-/// With all places taken, of those who are not seen now the one with the least score, or out of sight longest, makes room; there are more places than
-/// people in two windows.
+/// With all places taken, of those who are not seen now the one with the least score makes room, or the one out of
+/// sight longest; there are more places than people in two windows.
 Tracker::Track& Tracker::start(SteadyTime now, const Person& person) {
   static_assert(kMaxTracks >= 2 * kMaxPeople);
   Track track;
