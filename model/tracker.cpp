@@ -132,9 +132,10 @@ void Tracker::follow(Track& track, SteadyTime now, Person& person) {
 }
 
 std::size_t Tracker::publish(std::span<Person> people) const {
-  const auto rest = std::ranges::partition(
-      people, [&](const Person& person) { return person.id != 0 && person.score >= config_.min_score; });
-  const auto likely = std::span(people.begin(), rest.begin());
+  const auto rest = std::partition(people.begin(), people.end(), [&](const Person& person) {
+    return person.id != 0 && person.score >= config_.min_score;
+  });
+  const auto likely = std::span(people.begin(), rest);
   std::ranges::sort(likely, [](const Person& a, const Person& b) {
     return a.score != b.score ? a.score > b.score : a.id < b.id;
   });
