@@ -107,8 +107,7 @@ const std::vector<Key<Config>>& table() {
        "a track not seen for so long ends"},
       {"people.score_memory_ms", FIELD(people.score_memory_ms), from(0, 60000), R,
        "a tracked person's score is the mean over about so long, where windows without the person count as "
-       "0; 0 = of each "
-       "window alone"},
+       "0; 0 = of each window alone"},
       {"people.smoothing", FIELD(people.smoothing), one_of({"none", "one_euro"}), R,
        "of joints over time; the joints before smoothing are then in the message too"},
 

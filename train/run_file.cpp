@@ -86,8 +86,7 @@ const std::vector<Key>& keys() {
        0,
        {},
        "to compare with: 300 patches of the window as an image in the place of a token for each sample and "
-       "link; "
-       "no engine computes such weights"},
+       "link; no engine computes such weights"},
       {"network.init",
        FIELD(network.init),
        0,

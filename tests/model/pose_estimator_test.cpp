@@ -180,6 +180,17 @@ TEST_F(Estimator, DoesNotAllocate) {
 }
 
 TEST(EstimatorWithANetwork, AnUntrainedNetworkFindsNobody) {
+  const auto model = init_random(preset_config("micro"), 1, HeadInit::zero);
+  PoseEstimator estimator(model, make_reference_engine(model), {});
+  Window window;
+  window.links.set();
+  const Estimate& estimate = estimator.estimate(window);
+  EXPECT_EQ(estimate.people_count, 0u);
+  EXPECT_EQ(estimate.reasons, 0u);
+  EXPECT_TRUE(estimator.model().untrained());
+}
+
+TEST(EstimatorWithANetwork, UntrainedNetworksFindNobodyInNoise) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
     const auto model = init_random(preset_config("tiny"), seed, HeadInit::zero);
     PoseEstimator estimator(model, make_reference_engine(model), {});
