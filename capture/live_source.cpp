@@ -75,9 +75,6 @@ SourceStats LiveSources::stats() const {
   return sum;
 }
 
-Now now_on_both_clocks() {
-  return {std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now()),
-          std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now())};
-}
+Now now_on_both_clocks() { return {steady_now(), utc_now()}; }
 
 }  // namespace csipose

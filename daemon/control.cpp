@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "proto/time.h"
 #include "proto/unix_socket.h"
 #include "proto/wire.h"
 
@@ -20,12 +21,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr std::size_t kMaxConnections = 16;
-constexpr auto kAnswerTimeout =
+constexpr auto kControlTimeout =
     std::chrono::seconds(10);  // a reload may read a model's header from a slow disk
-
-SteadyTime steady_now() {
-  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
-}
 
 std::string line_of(const Json& json) {
   return json.dump(-1, ' ', false, Json::error_handler_t::replace) + '\n';
@@ -182,7 +179,7 @@ namespace {
 /// Up to the first newline, or nothing when the daemon is stuck.
 std::string read_line(int fd) {
   std::string line;
-  const SteadyTime until = steady_now() + kAnswerTimeout;
+  const SteadyTime until = steady_now() + kControlTimeout;
   while (line.find('\n') == std::string::npos) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(until - steady_now());
     pollfd polled{fd, POLLIN, 0};

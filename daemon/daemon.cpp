@@ -127,7 +127,7 @@ struct Daemon::State {
   std::unique_ptr<ControlServer> control_;
   Status status_;
   ChangeReporter changes_;
-  const SteadyTime started_ = std::chrono::steady_clock::now();
+  const SteadyTime started_ = steady_now();
   SteadyTime reported_{};
   std::uint64_t progress_seen_ = 0, reloads_ok_ = 0, reloads_refused_ = 0;
   std::string stop_reason_;
@@ -265,7 +265,7 @@ void Daemon::State::stop(const std::string& reason) {
       reason);  // before the loop: in a replay that loses nothing, it may be waiting for a client
   loop_.stop();
   recorder_->stop_recording();
-  report(std::chrono::steady_clock::now());
+  report(steady_now());
   log_.info(fmt::format("end reason=\"{}\" {}", reason, status_line(status_)));
 }
 
@@ -339,7 +339,7 @@ void Daemon::State::reload_on_signal() {
 }
 
 void Daemon::State::tick() {
-  const SteadyTime now = std::chrono::steady_clock::now();
+  const SteadyTime now = steady_now();
   if (link_.status.refresh()) changes_.report(link_.status.front());
   if (now - reported_ >= kStatusEvery) report(now);
   if (source_.ended() && source_.failure()) stop_reason_ = "the source broke";

@@ -7,6 +7,8 @@
 #include <array>
 #include <cstdlib>
 
+#include "proto/time.h"
+
 namespace csipose {
 namespace {
 
@@ -14,8 +16,6 @@ constexpr auto kFoldFor = std::chrono::minutes(1);
 constexpr std::size_t kMostRecent = 256;  // distinct lines that are remembered for folding
 constexpr std::array<std::string_view, 4> kNames = {"error", "warn", "info", "debug"};
 constexpr std::array<int, 4> kJournalPriority = {3, 4, 6, 7};  // sd-daemon(3)
-
-SteadyTime steady_now() { return std::chrono::steady_clock::now(); }
 
 }  // namespace
 

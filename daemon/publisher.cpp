@@ -18,6 +18,7 @@
 #include <thread>
 
 #include "daemon/spsc_ring.h"
+#include "proto/time.h"
 #include "proto/unix_socket.h"
 
 namespace csipose {
@@ -27,10 +28,6 @@ constexpr auto kHousekeeping = std::chrono::milliseconds(100);  // how late an i
 constexpr auto kLossLogPause = std::chrono::minutes(1);
 constexpr int kSendBufferBytes = 32 * 1024;  // small: what lies in the kernel is old when it is read
 constexpr std::size_t kReadBytes = 4096;
-
-SteadyTime steady_now() {
-  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
-}
 
 /// Wakes the thread that polls `wake`.
 void ring_the_bell(int wake) {

@@ -3,17 +3,17 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "proto/time.h"
+
 namespace csipose {
 namespace {
 
 namespace fs = std::filesystem;
 
 constexpr std::size_t kPacketBytes = 8 << 20, kFrames = 64;
-constexpr auto kNap = std::chrono::milliseconds(20);
+constexpr auto kDrainEvery = std::chrono::milliseconds(20);
 constexpr auto kLongestWait = std::chrono::seconds(1);
 constexpr int kBatch = 256;  // items written before others may have the lock
-
-SteadyTime steady_now() { return std::chrono::steady_clock::now(); }
 
 }  // namespace
 
@@ -58,7 +58,7 @@ void RecorderThread::stop_recording() {
   // What was offered is kept, unless the disk takes too long for a daemon that has to end.
   const SteadyTime deadline = steady_now() + kLongestWait;
   while ((!packets_.empty() || frames_.front() != nullptr) && steady_now() < deadline)
-    std::this_thread::sleep_for(kNap);
+    std::this_thread::sleep_for(kDrainEvery);
   const std::lock_guard lock(mutex_);
   if (recorder_) recorder_->rotate();
 }
@@ -70,7 +70,7 @@ void RecorderThread::rotate() {
 
 void RecorderThread::run() {
   while (!stop_.load(std::memory_order_relaxed))
-    if (!drain()) std::this_thread::sleep_for(kNap);
+    if (!drain()) std::this_thread::sleep_for(kDrainEvery);
   while (drain()) {
   }
 }

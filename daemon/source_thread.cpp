@@ -2,14 +2,14 @@
 
 #include <utility>
 
+#include "proto/time.h"
+
 namespace csipose {
 namespace {
 
 constexpr Nanoseconds kPoll = std::chrono::milliseconds(100);  // how soon a stop is seen
-constexpr Nanoseconds kNap = std::chrono::microseconds(50);
+constexpr Nanoseconds kPacketNap = std::chrono::microseconds(50);
 constexpr Nanoseconds kStatsEvery = std::chrono::milliseconds(500);
-
-SteadyTime steady_now() { return std::chrono::steady_clock::now(); }
 
 }  // namespace
 
@@ -80,7 +80,7 @@ SourceEvent RingInput::poll(Nanoseconds timeout, Packet& packet) {
     const bool ended = source_.ended();  // asked before the ring: what was pushed before the end is seen
     if ((holding_ = ring_.front(packet))) return SourceEvent::packet;
     if (ended) return SourceEvent::closed;
-    if (may_wait) std::this_thread::sleep_for(kNap);
+    if (may_wait) std::this_thread::sleep_for(kPacketNap);
   } while (may_wait && steady_now() < until);
   return SourceEvent::nothing;
 }

@@ -8,14 +8,12 @@
 #include <cerrno>
 #include <cstring>
 
+#include "proto/time.h"
+
 namespace csipose {
 namespace {
 
 constexpr auto kAnswerTimeout = std::chrono::seconds(5);
-
-SteadyTime steady_now() {
-  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
-}
 
 [[noreturn]] void not_ours(const std::string& why) {
   throw SetupError(ExitStatus::unavailable,

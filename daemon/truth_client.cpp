@@ -46,9 +46,7 @@ void TruthClient::drain() {
 
 const Truth* TruthClient::at(UtcTime time) { return nearest(time, 1 / (hello_.rate_hz * hello_.speed)); }
 
-double TruthClient::age_s(const Truth& truth) const {
-  return seconds(std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()) - truth.sent);
-}
+double TruthClient::age_s(const Truth& truth) const { return seconds(utc_now() - truth.sent); }
 
 std::string TruthClient::silence() const {
   return closed_ ? "the simulator has ended" : "the simulator sends nothing at this time";

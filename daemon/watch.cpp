@@ -10,6 +10,7 @@
 #include "daemon/terminal.h"
 #include "daemon/truth_client.h"
 #include "daemon/truth_recording.h"
+#include "proto/time.h"
 
 namespace csipose {
 namespace {
@@ -17,10 +18,6 @@ namespace {
 constexpr float kDrawHz = 15;
 constexpr auto kOld = std::chrono::milliseconds(1500);  // a state frame comes at least once a second
 constexpr auto kRateOver = std::chrono::seconds(2);     // frames per second are told over this
-
-SteadyTime steady_now() {
-  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
-}
 
 Subscription subscription_for(const WatchOptions& options) {
   Subscription asked;

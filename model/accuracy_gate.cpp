@@ -12,7 +12,6 @@ namespace csipose {
 namespace {
 
 constexpr std::size_t kPeople = 5, kCandidates = 10;
-constexpr std::size_t kPoseWidth = 3 * kJoints;
 
 using Poses = std::vector<std::vector<float>>;
 

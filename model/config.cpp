@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "model/json_words.h"
 #include "proto/result.h"
 #include "proto/shape.h"
 
@@ -59,11 +60,6 @@ const nlohmann::json& member(const nlohmann::json& object, std::string_view key)
   const auto found = object.find(std::string(key));
   if (found == object.end()) refuse(fmt::format("config has no '{}'", key));
   return *found;
-}
-
-/// A value for use in words. Never dump() of a nested one: that recurses as deep as the file's author likes.
-std::string brief(const nlohmann::json& value) {
-  return value.is_structured() ? fmt::format("of type {}", value.type_name()) : value.dump();
 }
 
 std::size_t read_size(const nlohmann::json& object, const SizeField& field) {
@@ -160,7 +156,7 @@ void add_heads(TensorList& list, const NetworkConfig& c) {
     list.linear(kpt + "0", c.kpt_hidden, c.decoder_dim);
     list.linear(kpt + "2", c.kpt_hidden, c.kpt_hidden);
     list.linear(kpt + "4", c.kpt_hidden, c.kpt_hidden);
-    list.linear(kpt + "6", 3 * kJoints, c.kpt_hidden);
+    list.linear(kpt + "6", kPoseWidth, c.kpt_hidden);
   }
 }
 
@@ -248,7 +244,7 @@ std::vector<TensorSpec> required_tensors(const NetworkConfig& config) {
   add_encoder(list, config);
   list.linear("proj", config.decoder_dim, config.dim);
   list.add("query_embedding.weight", {config.queries, 2 * config.decoder_dim});
-  if (config.query_conditioning) list.linear("query_proposal", config.decoder_dim, 3 * kJoints);
+  if (config.query_conditioning) list.linear("query_proposal", config.decoder_dim, kPoseWidth);
   add_layers(list, "decoder", config.decoder_layers, config);
   add_heads(list, config);
   add_refinement(list, config);

@@ -16,7 +16,6 @@ namespace csipose {
 namespace {
 
 constexpr std::size_t kWindowNumbers = kChannels * kTokens;
-constexpr std::size_t kPoseWidth = 3 * kJoints;
 
 std::vector<std::string> numbered(const char* name, std::size_t count) {
   std::vector<std::string> names;

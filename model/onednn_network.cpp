@@ -16,7 +16,6 @@ namespace {
 constexpr float kEncoderEpsilon = 1e-6f,
                 kDecoderEpsilon = 1e-5f;  // of the LayerNorms; model/reference.cpp has the same
 constexpr float kLeastSigma_m = 0.001f;
-constexpr std::size_t kPoseWidth = 3 * kJoints;
 constexpr std::array<int, 4> kPoseHeadLayers = {0, 2, 4, 6};
 constexpr std::array<int, 3> kRefineHeadLayers = {0, 2, 4};
 

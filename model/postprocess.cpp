@@ -8,8 +8,6 @@
 namespace csipose {
 namespace {
 
-constexpr std::size_t kPoseWidth = 3 * kJoints;
-
 bool all_finite(std::span<const float> numbers) {
   return std::all_of(numbers.begin(), numbers.end(), [](float value) { return std::isfinite(value); });
 }

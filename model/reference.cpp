@@ -14,7 +14,6 @@ namespace {
 constexpr double kEncoderEpsilon = 1e-6;  // LayerNorm of facebookresearch/ijepa
 constexpr double kDecoderEpsilon = 1e-5;  // LayerNorm of torch
 constexpr double kLeastSigma_m = 1e-3;    // no joint is known to better than a millimetre
-constexpr std::size_t kPoseWidth = 3 * kJoints;
 
 double dot(const float* a, const float* b, std::size_t count) {
   double sum = 0;

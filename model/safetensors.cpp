@@ -16,6 +16,7 @@
 #include <set>
 #include <utility>
 
+#include "model/json_words.h"
 #include "proto/result.h"
 
 namespace csipose {
@@ -104,11 +105,6 @@ std::map<std::string, std::string> read_metadata(const std::string& file, const 
     metadata[key] = value.get<std::string>();
   }
   return metadata;
-}
-
-/// A value for use in words. Never dump() of a nested one: that recurses as deep as the file's author likes.
-std::string brief(const json& value) {
-  return value.is_structured() ? fmt::format("of type {}", value.type_name()) : value.dump();
 }
 
 /// Reads one tensor's entry; every refusal names the tensor.

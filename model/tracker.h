@@ -55,7 +55,7 @@ class Tracker {
     double score = 0;
     Skeleton joints{};  // as last detected
     std::array<double, 3> velocity_m_per_s{};
-    std::array<OneEuro, 3 * kJoints> filters{};
+    std::array<OneEuro, kPoseWidth> filters{};
   };
   static constexpr std::size_t kMaxTracks = 32;
 

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cerrno>
 #include <charconv>
+#include <cstring>
 #include <iterator>
 #include <optional>
 
@@ -145,8 +146,6 @@ NpyShape with_rows(std::size_t rows, const NpyShape& row) {
   return shape;
 }
 
-std::string reason_of_errno() { return std::generic_category().message(errno); }
-
 }  // namespace
 
 std::size_t element_count(const NpyShape& shape) {
@@ -198,9 +197,10 @@ std::string type_refusal(std::string_view found, std::string_view wanted) {
 std::vector<std::uint8_t> read_whole(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   if (!file)
-    throw SetupError(ExitStatus::no_input, "cannot open " + path.string() + ": " + reason_of_errno());
+    throw SetupError(ExitStatus::no_input, "cannot open " + path.string() + ": " + std::strerror(errno));
   std::vector<std::uint8_t> bytes{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  if (file.bad()) throw SetupError(ExitStatus::io, "cannot read " + path.string() + ": " + reason_of_errno());
+  if (file.bad())
+    throw SetupError(ExitStatus::io, "cannot read " + path.string() + ": " + std::strerror(errno));
   return bytes;
 }
 
@@ -218,7 +218,8 @@ NpyFile::NpyFile(std::filesystem::path path, std::string_view descr, std::size_t
       row_bytes_(number_bytes * element_count(row_)),
       file_(temporary_, std::ios::binary | std::ios::trunc) {
   if (!file_)
-    throw SetupError(ExitStatus::cannot_create, "cannot create " + path_.string() + ": " + reason_of_errno());
+    throw SetupError(ExitStatus::cannot_create,
+                     "cannot create " + path_.string() + ": " + std::strerror(errno));
   const std::string header = make_header(descr_, with_rows(0, row_));
   file_.write(header.data(), static_cast<std::streamsize>(header.size()));
   check_written();
@@ -251,7 +252,8 @@ void NpyFile::finish() {
 }
 
 void NpyFile::check_written() const {
-  if (!file_) throw SetupError(ExitStatus::io, "cannot write " + path_.string() + ": " + reason_of_errno());
+  if (!file_)
+    throw SetupError(ExitStatus::io, "cannot write " + path_.string() + ": " + std::strerror(errno));
 }
 
 }  // namespace csipose

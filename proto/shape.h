@@ -18,6 +18,7 @@ inline constexpr std::size_t kChannels = 2 * kSubcarriers;
 inline constexpr std::size_t kSamples = 20;
 inline constexpr std::size_t kTokens = kSamples * kLinks;  // token i = t * 9 + l
 inline constexpr std::size_t kJoints = 14;
-inline constexpr std::size_t kMaxPeople = 10;  // the most that a frame can carry
+inline constexpr std::size_t kPoseWidth = 3 * kJoints;  ///< numbers of one pose
+inline constexpr std::size_t kMaxPeople = 10;           // the most that a frame can carry
 
 }  // namespace csipose

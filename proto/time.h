@@ -13,6 +13,9 @@ using Nanoseconds = std::chrono::nanoseconds;
 using SteadyTime = std::chrono::time_point<std::chrono::steady_clock, Nanoseconds>;
 using UtcTime = std::chrono::time_point<std::chrono::system_clock, Nanoseconds>;
 
+inline SteadyTime steady_now() { return std::chrono::steady_clock::now(); }
+inline UtcTime utc_now() { return std::chrono::system_clock::now(); }
+
 inline std::int64_t ns(Nanoseconds d) { return d.count(); }
 inline std::int64_t ns(SteadyTime t) { return t.time_since_epoch().count(); }
 inline std::int64_t ns(UtcTime t) { return t.time_since_epoch().count(); }

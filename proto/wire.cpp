@@ -144,7 +144,7 @@ bool get_array(const Values& from, Array& to, typename Array::value_type absent)
 }
 
 bool get_points(const google::protobuf::RepeatedField<float>& from, Skeleton& to) {
-  std::array<float, 3 * kJoints> flat;
+  std::array<float, kPoseWidth> flat;
   const bool whole = get_array(from, flat, kUnknown);
   for (std::size_t j = 0; j < kJoints; ++j) to[j] = {flat[3 * j], flat[3 * j + 1], flat[3 * j + 2]};
   return whole;

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi, kDegree = kPi / 180;
 constexpr double kPeakOfStep = 1.875;      // of a minimum-jerk step: largest slope over mean slope
 constexpr double kMostAcceleration = 1.0;  // m/s^2
 constexpr double kSlowCadence_m_s = 0.5;   // nobody steps slower than one who walks at this speed

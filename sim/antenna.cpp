@@ -1,7 +1,8 @@
 #include "sim/antenna.h"
 
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
@@ -15,7 +16,7 @@ double amplitude(Pattern pattern, double cos_theta, double sin_theta) {
     // Exact directivity of the half-wave dipole is 1.6409; 1.643 is what Sionna RT uses, kept for
     // comparability.
     case Pattern::hw_dipole:
-      return std::sqrt(1.643) * std::cos(std::numbers::pi / 2 * cos_theta) / sin_theta;
+      return std::sqrt(1.643) * std::cos(kPi / 2 * cos_theta) / sin_theta;
   }
   return 0;
 }

@@ -3,14 +3,12 @@
 #include <fmt/core.h>
 
 #include <cerrno>
+#include <cstring>
 #include <system_error>
 
 #include "proto/result.h"
 
 namespace csipose::sim {
-namespace {
-std::string words_of_errno() { return std::generic_category().message(errno); }
-}  // namespace
 
 AtomicFile::AtomicFile(std::filesystem::path target) : target_(std::move(target)), part_(target_) {
   part_ += ".part";
@@ -19,7 +17,7 @@ AtomicFile::AtomicFile(std::filesystem::path target) : target_(std::move(target)
   if (!out_)
     throw SetupError(ExitStatus::cannot_create,
                      fmt::format("cannot write {}: {}; choose a folder that you may write to", part_.string(),
-                                 words_of_errno()));
+                                 std::strerror(errno)));
 }
 
 AtomicFile::~AtomicFile() {
@@ -38,7 +36,7 @@ void AtomicFile::commit() {
   out_.close();  // flushes; any earlier failed write shows here too
   if (!out_)
     throw SetupError(ExitStatus::io, fmt::format("{} could not be written whole: {}; nothing is left of it",
-                                                 target_.string(), words_of_errno()));
+                                                 target_.string(), std::strerror(errno)));
   std::error_code error;
   std::filesystem::rename(part_, target_, error);
   if (error)

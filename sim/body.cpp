@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
+#include "sim/geometry.h"
 #include "sim/quadrature.h"
 
 namespace csipose::sim {
 namespace {
 using namespace std::complex_literals;
-constexpr double kPi = std::numbers::pi;
 constexpr int kCapCorners = 64;
 
 /// Two unit vectors that make a right-handed frame with unit w.

@@ -4,9 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "proto/result.h"
+#include "sim/geometry.h"
 #include "sim/human_scene.h"
 #include "sim/material.h"
 
@@ -83,7 +83,7 @@ class Placing {
     reached_ = std::max(reached_, i);
     const std::vector<Vec3> places = places_of(stage_.area, i + 1 < ways_.size());
     for (int k = 0; k < kTurns; ++k) {  // 0, 15, -15, 30, ... degrees
-      const double turn_rad = (k % 2 == 1 ? 1 : -1) * ((k + 1) / 2) * 2 * std::numbers::pi / kTurns;
+      const double turn_rad = (k % 2 == 1 ? 1 : -1) * ((k + 1) / 2) * 2 * kPi / kTurns;
       Way way = turned(ways_[i], turn_rad);
       const auto place = std::find_if(places.begin(), places.end(),
                                       [&](const Vec3& p) { return fits(stage_, placed_, way, p); });

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "sim/counter_rng.h"
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 constexpr double kTile_m = 0.5;
 
 double lobe(double cosine, int alpha) { return std::pow((1 + cosine) / 2, alpha); }

@@ -1,7 +1,8 @@
 #include "sim/counter_rng.h"
 
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
@@ -38,7 +39,7 @@ std::uint32_t CounterRng::word() {
 
 std::complex<double> CounterRng::complex_normal() {
   const double radius = std::sqrt(-2 * std::log(unit()));
-  return std::polar(radius, 2 * std::numbers::pi * unit());
+  return std::polar(radius, 2 * kPi * unit());
 }
 
 double CounterRng::exponential() { return -std::log(unit()); }

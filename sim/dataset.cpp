@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cassert>
 #include <cerrno>
+#include <cstring>
 #include <exception>
 #include <fstream>
 #include <mutex>
@@ -29,13 +30,11 @@ constexpr const char* kManifest = "dataset.json";
 constexpr const char* kProgress = "progress.bin";
 constexpr const char* kPlan = "begun.json";
 
-std::string words_of_errno() { return std::generic_category().message(errno); }
-
 int open_for(const fs::path& path, int flags) {
   const int file = ::open(path.c_str(), flags | O_CLOEXEC, 0644);
   if (file < 0)
     throw SetupError(ExitStatus::cannot_create,
-                     fmt::format("cannot open {} for writing: {}", path.string(), words_of_errno()));
+                     fmt::format("cannot open {} for writing: {}", path.string(), std::strerror(errno)));
   return file;
 }
 
@@ -50,7 +49,7 @@ void write_at(int file, ByteView bytes, std::size_t offset, const fs::path& path
           fmt::format(
               "cannot write to {}: {}; free some space and run the same command again: it goes on where "
               "it stopped",
-              path.string(), words_of_errno()));
+              path.string(), std::strerror(errno)));
     done += static_cast<std::size_t>(n);
   }
 }
@@ -191,7 +190,7 @@ void Dataset::create_arrays() {
     ::close(file);
     if (grown != 0)
       throw SetupError(ExitStatus::io, fmt::format("{} cannot grow to its size: {}",
-                                                   array_path(array).string(), words_of_errno()));
+                                                   array_path(array).string(), std::strerror(errno)));
   }
   const int progress = open_for(plan_.folder / kProgress, O_WRONLY | O_CREAT | O_TRUNC);
   write_at(progress, done_, 0, plan_.folder / kProgress);

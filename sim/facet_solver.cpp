@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
+#include "sim/geometry.h"
 #include "sim/pairs.h"
 #include "sim/ray_scene.h"
 #include "sim/reference_solver.h"
@@ -11,7 +11,6 @@
 namespace csipose::sim {
 namespace {
 using namespace std::complex_literals;
-constexpr double kPi = std::numbers::pi;
 constexpr double kLift_m = 1e-4;  // off the facet, before looking around
 
 /// One antenna at one instant.

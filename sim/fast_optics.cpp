@@ -2,20 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
 using namespace std::complex_literals;
-constexpr double kPi = std::numbers::pi;
 constexpr int kFresnelSteps = 1024;
 constexpr int kSmallestCircle = 16, kLargestCircle = 256;
 constexpr double kTransitionReach = 8;  // beyond, one term of the asymptotic series is 1e-4
 constexpr int kTransitionsPerUnit = 256;
 
 std::complex<double> value(const float sum[2]) { return {sum[0], sum[1]}; }
-float f(double x) { return static_cast<float>(x); }
-
 /// An even number of 8-point panels for a phase that turns by `radians`: six radians each.
 int panels_for(double radians) { return 2 * std::clamp(static_cast<int>(std::ceil(radians / 12)), 1, 32); }
 

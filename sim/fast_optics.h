@@ -9,6 +9,9 @@
 
 namespace csipose::sim {
 
+/// Geometry is in double precision, what the kernels get in single.
+inline float f(double x) { return static_cast<float>(x); }
+
 /// A surface's reflection over the cosine of incidence, 0..1, interpolated between 1024 steps.
 class FresnelTable {
  public:

@@ -4,17 +4,16 @@
 #include <cassert>
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <numeric>
 #include <optional>
 
 #include "sim/fast_optics.h"
+#include "sim/geometry.h"
 #include "sim/pairs.h"
 #include "sim/reference_solver.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 constexpr std::size_t kTonesPerSum = 32;
 constexpr std::size_t kShadowsEvery = 2, kBodyPathsEvery = 4;  // snapshots; the others are interpolated
 // Paths by bodies, as parts of the still channel's rms: below the first their shadows are left out, below the second they are
@@ -23,8 +22,6 @@ constexpr double kFaint = 5e-4, kWeak = 8e-3;
 constexpr float kNewtonFound =
     1e-4f;  // |T^T g| above this: three updates did not find it, the reference solver must
 constexpr float kFarAway_m = 1e6;  // padding of columns: near nothing
-
-float f(double x) { return static_cast<float>(x); }
 
 /// Which snapshots are computed in full, and how the others follow from them: cubic in time through the four nearest.
 class KeySnapshots {

@@ -1,7 +1,8 @@
 #include "sim/fresnel.h"
 
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
@@ -18,8 +19,7 @@ struct SlabTerms {
 SlabTerms slab_terms(std::complex<double> eta, double thickness_m, double wavelength_m,
                      double cos_incidence) {
   const auto q = refracted_cos(eta, cos_incidence);
-  return {half_space(eta, cos_incidence),
-          std::exp(-1i * (2 * std::numbers::pi * thickness_m / wavelength_m) * q)};
+  return {half_space(eta, cos_incidence), std::exp(-1i * (2 * kPi * thickness_m / wavelength_m) * q)};
 }
 
 Vec3 any_across(const Vec3& k) {

@@ -5,9 +5,14 @@
 #include <glm/mat3x3.hpp>
 #include <glm/vec3.hpp>
 
+#include <numbers>
+
 #include "proto/shape.h"
 
 namespace csipose::sim {
+
+inline constexpr double kPi = std::numbers::pi;
+inline constexpr double kDegree = kPi / 180;  ///< in radians
 
 using Vec3 = glm::dvec3;
 using Mat3 = glm::dmat3;  ///< columns are the images of the axes

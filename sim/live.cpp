@@ -13,6 +13,7 @@
 #include "proto/notify.h"
 #include "proto/result.h"
 #include "proto/sealed_sender.h"
+#include "proto/time.h"
 #include "sim/packet_feed.h"
 #include "sim/truth_server.h"
 
@@ -26,11 +27,6 @@ constexpr Nanoseconds kStarvedWait = 1ms;  // between looks for a packet that is
 constexpr Nanoseconds kLate = 100ms;       // worth a word
 constexpr Nanoseconds kGiveUp = 2s;        // so late, the rest is put off instead of being caught up with
 constexpr double kAhead_s = 1;             // physics is so far ahead of the clock
-
-SteadyTime now_steady() {
-  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
-}
-UtcTime now_utc() { return std::chrono::time_point_cast<Nanoseconds>(std::chrono::system_clock::now()); }
 
 TruthHello hello_of(const LiveOptions& options, const Scene& scene) {
   TruthHello hello{options.what,
@@ -90,15 +86,15 @@ class Live {
   void run() {
     prctl(PR_SET_TIMERSLACK, 1UL);  // wake when asked, not up to 50 us later
     notify_systemd("READY=1");
-    status_at_ = now_steady() + kStatusEvery;
+    status_at_ = steady_now() + kStatusEvery;
     while (!PollStop::wanted() && !over_) {
-      const SteadyTime now = now_steady();
+      const SteadyTime now = steady_now();
       if (now >= tend_at_) tend(now);
       if (!playing_) begin_when_answered(now);
       if (playing_) send_due();
       wait();
     }
-    report(now_steady());
+    report(steady_now());
   }
 
  private:
@@ -131,7 +127,7 @@ class Live {
   void send_due() {
     starved_ = false;
     while (const SentPacket* packet = ahead_->front()) {
-      const SteadyTime now = now_steady();
+      const SteadyTime now = steady_now();
       if (options_.seconds && packet->grid_s >= *options_.seconds) {
         over_ = true;
         return;
@@ -147,7 +143,7 @@ class Live {
   }
 
   void send(const SentPacket& packet, SteadyTime now) {
-    const UtcTime sent = now_utc();
+    const UtcTime sent = utc_now();
     for (std::size_t r = 0; r < kReceivers; ++r)
       if (senders_[r] && !packet.records[r].empty()) senders_[r]->send(ByteView(packet.records[r]), now);
     if (truth_ && truth_->readers() > 0) truth_->send(truth_of(packet, sent));
@@ -168,7 +164,7 @@ class Live {
   }
 
   void wait() {
-    const SteadyTime now = now_steady();
+    const SteadyTime now = steady_now();
     SteadyTime until = tend_at_;
     if (playing_) until = std::min(until, starved_ ? now + kStarvedWait : next_at_);
     const std::int64_t left = std::max<std::int64_t>(0, ns(until - now));

@@ -6,11 +6,11 @@
 #include <cmath>
 #include <complex>
 #include <limits>
-#include <numbers>
 
 #include "proto/intel5300.h"
 #include "proto/result.h"
 #include "sim/band.h"
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
@@ -38,7 +38,7 @@ double delay_ns_of(const CsiRecord& record) {
   for (std::size_t a = 0; a < kAntennas; ++a)
     for (std::size_t k = 0; k + 1 < kSubcarriers; ++k)
       if (tones[k + 1] - tones[k] == 2) turn += at(record, k + 1, a) * std::conj(at(record, k, a));
-  return -std::arg(turn) / (2 * std::numbers::pi * 2 * kToneSpacing_hz) * 1e9;
+  return -std::arg(turn) / (2 * kPi * 2 * kToneSpacing_hz) * 1e9;
 }
 
 double received_dbm_of(const CsiRecord& record) {

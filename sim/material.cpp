@@ -1,7 +1,8 @@
 #include "sim/material.h"
 
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
@@ -35,7 +36,7 @@ constexpr std::array<Material, 14> kMaterials{{
 
 std::complex<double> permittivity_of(const ColeCole& tissue, double frequency_hz) {
   using namespace std::complex_literals;
-  const double omega = 2 * std::numbers::pi * frequency_hz;
+  const double omega = 2 * kPi * frequency_hz;
   std::complex<double> eta = tissue.infinity;
   for (const auto& term : tissue.terms)
     if (term.delta > 0) eta += term.delta / (1.0 + std::pow(1i * omega * term.tau_s, 1 - term.alpha));
@@ -49,7 +50,7 @@ std::complex<double> Material::permittivity(double frequency_hz) const {
   const double ghz = frequency_hz / 1e9;
   const double conductivity_S_m = law.c * std::pow(ghz, law.d);
   return {law.a * std::pow(ghz, law.b),
-          -conductivity_S_m / (2 * std::numbers::pi * frequency_hz * kVacuumPermittivity_F_m)};
+          -conductivity_S_m / (2 * kPi * frequency_hz * kVacuumPermittivity_F_m)};
 }
 
 std::span<const Material> materials() { return kMaterials; }

@@ -5,9 +5,10 @@
 #include <map>
 #include <numbers>
 
+#include "sim/geometry.h"
+
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 using Corners = std::array<std::uint32_t, 3>;
 using Edge = std::pair<std::uint32_t, std::uint32_t>;
 

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 constexpr double kDeviceClearance_m = 0.3, kFastest_m_s = 3;
-constexpr int kTries = 200, kShrinkEvery = 50;
+constexpr int kPositionTries = 200, kShrinkEvery = 50;
 
 const Material* pick(CounterRng& rng, std::initializer_list<const char*> names) {
   return find_material(names.begin()[rng.index(static_cast<std::uint32_t>(names.size()))]);
@@ -38,7 +38,7 @@ bool fits(const ObjectClip& clip, const FlyingObject& object) {
 
 /// False when there is no room for it.
 bool draw_position(CounterRng& rng, const ObjectClip& clip, FlyingObject& object) {
-  for (int attempt = 1; attempt <= kTries; ++attempt) {
+  for (int attempt = 1; attempt <= kPositionTries; ++attempt) {
     const double margin = object.radius_m + 0.05;
     for (int axis = 0; axis < 3; ++axis)
       object.position[axis] = rng.uniform(margin, clip.room_m[axis] - margin);

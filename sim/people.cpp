@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
-constexpr int kTries = 20, kGoals = 50, kPlaces = 200;
+constexpr int kPlanTries = 20, kGoals = 50, kPlaces = 200;
 constexpr double kLookEvery_s = 0.04, kShortestWalk_m = 0.6, kLongestHeadStart_s = 4, kWait_s = 0.8;
 constexpr double kForEver_s = 1e9;
 constexpr double kSpread =
@@ -145,7 +145,7 @@ Action Crowd::draw_action(Person& person) const {
 void Crowd::extend(Person& person) {
   const double begin_s = person.planned_s_;
   const Score before = person.score_;
-  for (int i = 0; i < kTries; ++i) {
+  for (int i = 0; i < kPlanTries; ++i) {
     const Action action = draw_action(person);
     const double end_s = add(person.score_, action, begin_s, stage_, person.rng_);
     if (holds(person, begin_s, end_s)) {

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <numbers>
 
 #include "proto/intel5300.h"
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
@@ -35,13 +35,13 @@ double mean_power(const ReceiverChannel& h, std::size_t antenna) {
 
 /// Ripple of one period over the band with random phase; the outer two tones at each edge lie lower.
 std::array<double, kSubcarriers> draw_passband(CounterRng& rng) {
-  const double ripple_db = rng.uniform(0, 1), ripple_phase = rng.uniform(0, 2 * std::numbers::pi);
+  const double ripple_db = rng.uniform(0, 1), ripple_phase = rng.uniform(0, 2 * kPi);
   const double edge_db = rng.uniform(2, 5);
   std::array<double, kSubcarriers> passband{};
   for (std::size_t k = 0; k < kSubcarriers; ++k) {
     const std::size_t from_edge = std::min(k, kSubcarriers - 1 - k);
     const double roll_off_db = from_edge == 0 ? edge_db : from_edge == 1 ? edge_db / 2 : 0;
-    const double turn = 2 * std::numbers::pi * static_cast<double>(k) / kSubcarriers;
+    const double turn = 2 * kPi * static_cast<double>(k) / kSubcarriers;
     passband[k] = voltage(ripple_db * std::cos(turn + ripple_phase) - roll_off_db);
   }
   return passband;
@@ -108,7 +108,7 @@ Nic draw_nic(const Impairments& on, std::uint64_t seed, std::uint32_t clip, std:
   if (on.own_clock) nic.clock_zero_us = zero_us, nic.clock_rate = 1 + skew;
   if (!on.own_clock) nic.first_count = 0;
   for (std::size_t a = 0; a < kAntennas; ++a) {
-    const double gain_db = rng.uniform(-3, 3), phase_rad = rng.uniform(-std::numbers::pi, std::numbers::pi);
+    const double gain_db = rng.uniform(-3, 3), phase_rad = rng.uniform(-kPi, kPi);
     const auto passband = draw_passband(rng);
     if (on.branch_gain) nic.gain[a] = voltage(gain_db);
     if (on.branch_phase) nic.phase_rad[a] = phase_rad;
@@ -152,8 +152,8 @@ ReceiverChannel distort(const Nic& nic, const PacketTrouble& trouble, const Band
     branch[a] = std::polar(nic.gain[a], nic.phase_rad[a] + trouble.carrier_phase_rad);
   ReceiverChannel x;
   for (std::size_t k = 0; k < kSubcarriers; ++k) {
-    const double slope_rad = -2 * std::numbers::pi * band.offset_hz(k) * trouble.delay_s;
-    const double half_turn_rad = band.is_40mhz && band.offset_hz(k) > 0 ? std::numbers::pi / 2 : 0;
+    const double slope_rad = -2 * kPi * band.offset_hz(k) * trouble.delay_s;
+    const double half_turn_rad = band.is_40mhz && band.offset_hz(k) > 0 ? kPi / 2 : 0;
     const std::complex<double> turn = std::polar(1.0, slope_rad + half_turn_rad);
     for (std::size_t a = 0; a < kAntennas; ++a) x[k][a] = h[k][a] * branch[a] * (turn * nic.passband[a][k]);
   }
@@ -176,7 +176,7 @@ Radio::Radio(const Impairments& on, const Band& band, const Nic& nic, std::size_
       count_(nic.first_count) {}
 
 PacketTrouble Radio::draw_trouble(CounterRng& rng, double total_dbm) const {
-  const double phase_rad = rng.uniform(-std::numbers::pi, std::numbers::pi);
+  const double phase_rad = rng.uniform(-kPi, kPi);
   const double jitter_s = delay_jitter_sigma_s(total_dbm) * rng.normal();
   const bool slips = rng.chance(0.005), early = rng.chance(0.5);
   const double power_db = rng.uniform(-0.65, 0.65);

@@ -8,11 +8,11 @@
 namespace csipose::sim {
 namespace {
 constexpr double kOffWall_m = 0.1, kDeviceDistance_m = 1.0;
-constexpr int kTries = 200;
+constexpr int kRoomTries = 200;
 
 DevicePlace draw_device(CounterRng& rng, const Vec3& room_m, const std::vector<Vec3>& placed) {
   DevicePlace device;
-  for (int attempt = 0; attempt < kTries; ++attempt) {
+  for (int attempt = 0; attempt < kRoomTries; ++attempt) {
     device.wall = rng.index(4);
     const double along = rng.uniform(0.15, 0.85), z = rng.uniform(0.5, 2.0);
     const bool on_x = device.wall < 2, far = device.wall % 2 == 1;

@@ -1,15 +1,14 @@
 #include "sim/reference_solver.h"
 
 #include <cmath>
-#include <numbers>
 
 #include "proto/intel5300.h"
+#include "sim/geometry.h"
 #include "sim/pairs.h"
 #include "sim/shadow.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 
 double free_space(const Scene& scene) { return scene.wavelength_m() / (4 * kPi); }
 

@@ -1,11 +1,11 @@
 #include "sim/reflector.h"
 
 #include <cmath>
-#include <numbers>
+
+#include "sim/geometry.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 
 std::complex<double> wave(double amplitude, double length_m, double frequency_hz) {
   return std::polar(amplitude, -2 * kPi * frequency_hz * length_m / kSpeedOfLight_m_s);

@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
+#include "sim/geometry.h"
 #include "sim/shadow.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kDegree = std::numbers::pi / 180;
 
 /// Integral of smooth_step() from 0 to x; x - 1/2 beyond 1.
 double smooth_step_area(double x) {
@@ -43,7 +42,7 @@ double Curve::at(double t_s) const {
 double Swing::at(double t_s) const {
   if (t_s <= begin_s || t_s >= end_s) return 0;
   const double swell = smooth_step((t_s - begin_s) / swell_s) * smooth_step((end_s - t_s) / swell_s);
-  return amplitude * swell * std::sin(2 * std::numbers::pi * rate_hz * (t_s - begin_s));
+  return amplitude * swell * std::sin(2 * kPi * rate_hz * (t_s - begin_s));
 }
 
 double Travel::arc_m(double t_s) const {

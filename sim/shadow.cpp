@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
+#include "sim/geometry.h"
 #include "sim/quadrature.h"
 
 namespace csipose::sim {
 namespace {
 using namespace std::complex_literals;
-constexpr double kPi = std::numbers::pi;
 
 /// (1 - e^{-j pi rho^2 / 2}) / rho^2
 std::complex<double> kernel(const Vec2& p) {

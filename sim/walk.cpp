@@ -1,14 +1,13 @@
 #include "sim/walk.h"
 
 #include <cmath>
-#include <numbers>
 
+#include "sim/geometry.h"
 #include "sim/shadow.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
-constexpr double kDegree = kPi / 180, kAnyHeight_m = 10;
+constexpr double kAnyHeight_m = 10;
 }  // namespace
 
 Vec3 Course::at(double arc_m) const {

@@ -17,7 +17,6 @@ namespace csipose::train {
 namespace {
 
 constexpr std::size_t kWindowNumbers = kChannels * kTokens;
-constexpr std::int64_t kPoseWidth = 3 * kJoints;
 
 /// Sums behind mean and deviation.
 struct Moments {

@@ -26,7 +26,6 @@ constexpr double kSigmaLr = 1e-3;      // of the head for the expected error: on
 constexpr double kStepAt = 0.8;        // of the steps; then a tenth of the rate
 constexpr double kCosineFloor = 0.01;  // of the rate
 constexpr std::size_t kEvaluationBatch = 64, kLearntWindows = 1024;
-constexpr std::int64_t kPoseWidth = 3 * kJoints;
 
 /// The recipe with what "by preset" stands for filled in.
 struct Recipe {

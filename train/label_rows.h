@@ -9,8 +9,6 @@
 
 namespace csipose::train {
 
-inline constexpr std::size_t kPoseNumbers = 3 * kJoints;
-
 /// The people of a row; nullopt where one has only some of their joints.
 std::optional<std::vector<Skeleton>> people_of_row(std::span<const float> row);
 /// Appends a row of `room_for` people, of whom the first are `people`.

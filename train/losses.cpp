@@ -16,7 +16,6 @@ constexpr double kAlpha = 0.25, kGamma = 2;  // focal loss
 constexpr double kPoseCostDivisor = 28;      // 14 joints in two dimensions, kept from 2-D PETR
 constexpr double kLogGuard = 1e-12;
 constexpr double kRootGuard = 1e-6;  // m^2: a distance of 0 has no gradient
-constexpr std::int64_t kPoseWidth = 3 * kJoints;
 
 at::Tensor index_tensor(const std::vector<std::int64_t>& values, const at::Tensor& like) {
   return at::tensor(values, at::kLong).to(like.device());

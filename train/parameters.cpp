@@ -149,7 +149,7 @@ Parameters initial_ordered_head(std::size_t encoder_dim, std::uint64_t seed) {
   constexpr std::size_t kHidden = 256;
   std::vector<TensorSpec> specs;
   add_linear(specs, "predictor.ordered.0", kHidden, encoder_dim);
-  add_linear(specs, "predictor.ordered.2", kOrderedPeople * (3 * kJoints + 1), kHidden);
+  add_linear(specs, "predictor.ordered.2", kOrderedPeople * (kPoseWidth + 1), kHidden);
   Parameters parameters;
   for (const TensorSpec& spec : specs) parameters.set(spec.name, initial_tensor(spec, seed));
   scale_to_fan_in(parameters, "predictor.ordered.");

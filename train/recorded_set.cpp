@@ -82,7 +82,7 @@ class TruthRows final : public TruthOf {
     const NpyArray<float> rows = read_npy<float>(path);
     if (rows.shape.size() != 4 || rows.shape[2] != kJoints || rows.shape[3] != 3)
       refuse(path, "is no array of shape (packets, people, 14, 3)");
-    const std::size_t width = rows.shape[1] * kPoseNumbers;
+    const std::size_t width = rows.shape[1] * kPoseWidth;
     for (std::size_t row = 0; row < rows.shape[0]; ++row) {
       auto people = people_of_row(std::span(rows.data).subspan(row * width, width));
       if (!people) refuse(path, fmt::format("row {} has a person of whom some joints are no numbers", row));

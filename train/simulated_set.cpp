@@ -265,7 +265,7 @@ class SimulatedSet final : public DataSet {
   }
   std::vector<Skeleton> people_of(const NpyArray<float>& labels, std::size_t row) const {
     if (labels.data.empty()) return {};
-    const std::size_t width = labels.shape[1] * kPoseNumbers;
+    const std::size_t width = labels.shape[1] * kPoseWidth;
     auto people = people_of_row(std::span(labels.data).subspan(row * width, width));
     if (!people)
       refuse(folder_ / "labels.npy",

@@ -72,7 +72,7 @@ class WindowFolder : public WindowSource {
     if (labels.shape.size() != 4 || labels.shape[0] != size() || labels.shape[2] != kJoints ||
         labels.shape[3] != 3)
       refuse(path, fmt::format("is no array of shape ({}, people, 14, 3)", size()));
-    const std::size_t width = labels.shape[1] * kPoseNumbers;
+    const std::size_t width = labels.shape[1] * kPoseWidth;
     for (std::size_t i = 0; i < size(); ++i) {
       auto people = people_of_row(std::span(labels.data).subspan(i * width, width));
       if (!people) refuse(path, fmt::format("window {} has a person of whom some joints are no numbers", i));

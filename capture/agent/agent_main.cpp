@@ -20,14 +20,11 @@
 #include "proto/poll_stop.h"
 #include "proto/record_stream.h"
 #include "proto/result.h"
+#include "proto/time.h"
 #include "version.h"
 
 namespace csipose {
 namespace {
-
-SteadyTime now_steady() {
-  return std::chrono::time_point_cast<Nanoseconds>(std::chrono::steady_clock::now());
-}
 
 class Agent {
  public:
@@ -43,9 +40,9 @@ class Agent {
     prctl(PR_SET_TIMERSLACK, 1UL);  // wake when asked, not up to 50 us later: a played file is paced by it
     notify_systemd("READY=1");
     const Nanoseconds watchdog = watchdog_interval();
-    SteadyTime status_at = now_steady() + kStatusEvery, watchdog_at = now_steady();
+    SteadyTime status_at = steady_now() + kStatusEvery, watchdog_at = steady_now();
     while (!PollStop::wanted() && !(player_ && player_->ended())) {
-      const SteadyTime now = now_steady();
+      const SteadyTime now = steady_now();
       outlet_->tend(now);
       netlink_ ? pass_netlink() : play(now);
       if (now >= status_at) {
@@ -58,7 +55,7 @@ class Agent {
       }
       wait();
     }
-    report(now_steady());
+    report(steady_now());
   }
 
  private:
@@ -70,7 +67,7 @@ class Agent {
       const ByteView records = pairer_.add(record);
       const bool has_csi =
           !records.empty() && (records[2] == kCsiCode || records.size() > 2u + load_be16(records.data()));
-      if (has_csi) outlet_->send(records, now_steady());  // a frame without CSI is of no use to the daemon
+      if (has_csi) outlet_->send(records, steady_now());  // a frame without CSI is of no use to the daemon
     }
     const NetlinkSocket::Counts& counts = netlink_->counts();
     std::uint64_t lost = counts.overflows;
@@ -84,15 +81,15 @@ class Agent {
       player_->start(now);
       playing_ = true;
     }
-    while (!player_->ended() && player_->next_at() <= now_steady())
-      outlet_->send(player_->take(), now_steady());
+    while (!player_->ended() && player_->next_at() <= steady_now())
+      outlet_->send(player_->take(), steady_now());
   }
 
   void wait() {
-    SteadyTime until = now_steady() + kTendEvery;
+    SteadyTime until = steady_now() + kTendEvery;
     if (player_ && player_->ended()) return;
     if (playing_) until = std::min(until, player_->next_at());
-    const auto left = std::max<std::int64_t>(0, ns(until - now_steady()));
+    const auto left = std::max<std::int64_t>(0, ns(until - steady_now()));
     const timespec timeout = {static_cast<time_t>(left / 1'000'000'000),
                               static_cast<long>(left % 1'000'000'000)};
     pollfd fds[2] = {{outlet_->descriptor(), POLLIN, 0}, {netlink_ ? netlink_->descriptor() : -1, POLLIN, 0}};

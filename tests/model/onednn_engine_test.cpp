@@ -187,16 +187,16 @@ TEST(OneDnnEngine, GivesTheQueriesItIsSurestOf) {
   const NetworkOutput wanted = all->run(window(*model), all_links()),
                       got = some.run(window(*model), all_links());
   ASSERT_EQ(got.logits.size(), 3u);
-  ASSERT_EQ(got.poses.size(), 3 * 3 * kJoints);
-  ASSERT_EQ(got.sigma_m.size(), 3 * kJoints);
+  ASSERT_EQ(got.poses.size(), 3 * kPoseWidth);
+  ASSERT_EQ(got.sigma_m.size(), kPoseWidth);
   std::vector<float> best = copy(wanted.logits);
   std::sort(best.rbegin(), best.rend());
   std::size_t given = 0;
   for (std::size_t q = 0; q < wanted.logits.size(); ++q) {
     if (wanted.logits[q] < best[2]) continue;
     EXPECT_EQ(got.logits[given], wanted.logits[q]);
-    for (std::size_t n = 0; n < 3 * kJoints; ++n)
-      EXPECT_NEAR(got.poses[given * 3 * kJoints + n], wanted.poses[q * 3 * kJoints + n], 1e-5);
+    for (std::size_t n = 0; n < kPoseWidth; ++n)
+      EXPECT_NEAR(got.poses[given * kPoseWidth + n], wanted.poses[q * kPoseWidth + n], 1e-5);
     for (std::size_t j = 0; j < kJoints; ++j)
       EXPECT_NEAR(got.sigma_m[given * kJoints + j], wanted.sigma_m[q * kJoints + j], 1e-5);
     ++given;

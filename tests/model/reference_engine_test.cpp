@@ -15,8 +15,6 @@
 namespace csipose {
 namespace {
 
-constexpr std::size_t kPose = 3 * kJoints;
-
 std::vector<float> input(unsigned seed) {
   std::vector<float> x(kChannels * kTokens);
   for (std::size_t i = 0; i < x.size(); ++i)
@@ -101,7 +99,7 @@ TEST(ReferenceEngine, WithFewTokensThereAreAsManyQueriesAsTokens) {
   EXPECT_EQ(engine->run(x, all_links()).logits.size(), 50u);
   const NetworkOutput one_link = engine->run(x, LinkSet(1));
   EXPECT_EQ(one_link.logits.size(), 20u);
-  EXPECT_EQ(one_link.poses.size(), 20 * kPose);
+  EXPECT_EQ(one_link.poses.size(), 20 * kPoseWidth);
 }
 
 TEST(ReferenceEngine, QueriesComeInTheOrderOfTheirProposals) {
@@ -117,11 +115,12 @@ float refinement_spread(Engine& engine) {
   const NetworkOutput out = engine.run(input(1), all_links());
   const auto kpt = engine.stage("kpt");
   const std::size_t queries = out.logits.size();
-  const auto last = kpt.subspan(kpt.size() - queries * kPose);
+  const auto last = kpt.subspan(kpt.size() - queries * kPoseWidth);
   float spread = 0;
-  for (std::size_t i = 0; i < kPose; ++i)
+  for (std::size_t i = 0; i < kPoseWidth; ++i)
     for (std::size_t q = 1; q < queries; ++q)
-      spread += std::fabs((out.poses[q * kPose + i] - last[q * kPose + i]) - (out.poses[i] - last[i]));
+      spread +=
+          std::fabs((out.poses[q * kPoseWidth + i] - last[q * kPoseWidth + i]) - (out.poses[i] - last[i]));
   return spread;
 }
 
@@ -226,7 +225,7 @@ TEST(ReferenceEngine, NanInputGivesAnAnswerOfTheRightSize) {
   const auto engine = make_reference_engine(micro());
   std::vector<float> x = input(1);
   x[17] = NAN;
-  EXPECT_EQ(engine->run(x, all_links()).poses.size(), 8 * kPose);
+  EXPECT_EQ(engine->run(x, all_links()).poses.size(), 8 * kPoseWidth);
 }
 
 TEST(ReferenceEngine, UnknownStageIsEmpty) {

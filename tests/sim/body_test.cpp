@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 #include <random>
 
+#include "sim/geometry.h"
 #include "sim/reference_solver.h"
 #include "sim/shadow.h"
 #include "tests/sim/golden_scene.h"
@@ -13,7 +13,6 @@
 namespace csipose::sim {
 namespace {
 using Complex = std::complex<double>;
-constexpr double kPi = std::numbers::pi;
 const double kLambda_m = Band{}.wavelength_m();
 
 void expect_channel(const Scene& scene, const Antenna& rx, const nlohmann::json& expected, double relative) {

@@ -3,15 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 
 #include "sim/fast_solver.h"
+#include "sim/geometry.h"
 #include "sim/random_room.h"
 #include "sim/reference_solver.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 
 /// Midpoints over the half-space z > 0.
 template <class Function>

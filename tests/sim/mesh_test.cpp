@@ -5,9 +5,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "sim/fast_solver.h"
+#include "sim/geometry.h"
 #include "sim/material.h"
 #include "sim/mesh_paths.h"
 #include "sim/reference_solver.h"
@@ -15,8 +15,6 @@
 
 namespace csipose::sim {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 Body body(Shape shape, const Vec3& half) {
   Body b;

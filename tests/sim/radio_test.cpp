@@ -3,17 +3,16 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 #include <set>
 #include <vector>
 
 #include "proto/intel5300.h"
+#include "sim/geometry.h"
 #include "sim/reflector.h"
 #include "tests/sim/golden.h"
 
 namespace csipose::sim {
 namespace {
-constexpr double kPi = std::numbers::pi;
 constexpr double kRate_hz = 300;
 
 /// Equal waves on all antennas and subcarriers, of total power `total` (received over transmitted).

@@ -4,9 +4,9 @@
 
 #include <cmath>
 #include <map>
-#include <numbers>
 #include <random>
 
+#include "sim/geometry.h"
 #include "sim/material.h"
 #include "sim/reference_solver.h"
 #include "tests/sim/golden.h"
@@ -15,7 +15,6 @@
 namespace csipose::sim {
 namespace {
 using Complex = std::complex<double>;
-constexpr double kPi = std::numbers::pi;
 
 Complex sum_paths(const std::vector<std::pair<double, Complex>>& paths, double frequency_hz) {
   Complex sum = 0;

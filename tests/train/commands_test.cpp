@@ -46,7 +46,7 @@ class Commands : public ::testing::Test {
       const auto x = std::span(windows).subspan(i * kChannels * kTokens, kChannels * kTokens);
       const NetworkOutput output = engine->run(x, LinkSet().set());
       const auto best = std::max_element(output.logits.begin(), output.logits.end()) - output.logits.begin();
-      for (std::size_t k = 0; k < 3 * kJoints; ++k)
+      for (std::size_t k = 0; k < kPoseWidth; ++k)
         labels[i * kJoints * 3 + k] = output.poses[static_cast<std::size_t>(best) * kJoints * 3 + k] +
                                       0.03f * static_cast<float>(k % 7);
     }

@@ -523,8 +523,8 @@ class WindowFolders : public Runs {
  protected:
   WindowFolders() {
     fs::create_directories(folder_);
-    std::vector<float> windows(2 * kChannels * kTokens, 0.5f), labels(2 * 2 * 3 * kJoints, kUnknown);
-    std::fill_n(labels.begin(), 3 * kJoints, 1.f);
+    std::vector<float> windows(2 * kChannels * kTokens, 0.5f), labels(2 * 2 * kPoseWidth, kUnknown);
+    std::fill_n(labels.begin(), kPoseWidth, 1.f);
     const std::array<std::uint32_t, 2> clips = {7, 8};
     write_npy<float>(folder_ / "windows.npy", {2, kChannels, kSamples, kLinks}, windows);
     write_npy<float>(folder_ / "labels.npy", {2, 2, kJoints, 3}, labels);
@@ -565,7 +565,7 @@ TEST_F(WindowFolders, OfOtherShapesAreRefusedByName) {
 }
 
 TEST_F(WindowFolders, WithHalfAPersonAreRefused) {
-  std::vector<float> labels(2 * 3 * kJoints, kUnknown);
+  std::vector<float> labels(2 * kPoseWidth, kUnknown);
   labels[4] = 1;
   write_npy<float>(folder_ / "labels.npy", {2, 1, kJoints, 3}, labels);
   expect_refusal("labels.npy");

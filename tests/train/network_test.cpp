@@ -389,7 +389,7 @@ TEST(SetLoss, AWindowWithoutPeopleIsAllBackground) {
 
 /// Poses (1, people, 42) whose hips are at these places of the floor.
 at::Tensor standing_at(const std::vector<std::pair<float, float>>& places) {
-  at::Tensor poses = at::zeros({1, static_cast<std::int64_t>(places.size()), 3 * kJoints});
+  at::Tensor poses = at::zeros({1, static_cast<std::int64_t>(places.size()), kPoseWidth});
   for (std::size_t p = 0; p < places.size(); ++p)
     for (const std::size_t hip : {kLeftHip, kRightHip}) {
       poses[0][p][3 * hip] = places[p].first;

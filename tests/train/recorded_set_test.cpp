@@ -92,7 +92,7 @@ TEST_F(RecordedSet, TheWindowsAreThoseOfTheDaemonAndTheLabelsOfSnapshotTen) {
   for (std::size_t i = 0; i < 30; ++i) {
     source->read(i, x);
     EXPECT_TRUE(std::ranges::equal(x, std::span(tensor.data).subspan(i * x.size(), x.size()))) << i;
-    const float* joint = truth.data.data() + (20 * i + 10) * 3 * kJoints;
+    const float* joint = truth.data.data() + (20 * i + 10) * kPoseWidth;
     EXPECT_EQ(source->people(i)[0][0].x, joint[0]) << i;
     EXPECT_EQ(source->people(i)[0][13].z, joint[3 * 13 + 2]) << i;
   }

@@ -83,7 +83,7 @@ class SimulatedSet : public ::testing::Test {
   fs::path folder_ = fs::temp_directory_path() / fmt::format("csipose-windows-{}", ::getpid());
   std::vector<std::int8_t> csi_ = std::vector<std::int8_t>(kRows * kSamples * kReceivers * kStream);
   std::vector<std::uint8_t> received_ = std::vector<std::uint8_t>(kRows * kSamples * kReceivers, 1);
-  std::vector<float> labels_ = std::vector<float>(kRows * 3 * kJoints * 3);
+  std::vector<float> labels_ = std::vector<float>(kRows * kPoseWidth * 3);
 };
 
 TEST_F(SimulatedSet, EveryNumberInItsPlace) {
