@@ -15,7 +15,7 @@
 namespace csipose::train {
 namespace {
 
-struct Options {
+struct CalibrateOptions {
   std::string model, out;
   std::vector<std::string> data;
   EngineOptions engine;
@@ -59,7 +59,7 @@ void print_fit(const ConfidenceFit& fit) {
                                                  : "the network has no head for the expected error");
 }
 
-void run(const Options& options) {
+void run_calibrate(const CalibrateOptions& options) {
   const SafetensorsFile file = SafetensorsFile::read(options.model);
   const std::shared_ptr<const Model> model = Model::from(file);
   const EvaluationSet set = open_evaluation_sets(options.data);
@@ -88,7 +88,7 @@ void run(const Options& options) {
 }  // namespace
 
 void add_calibrate(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<CalibrateOptions>();
   CLI::App* command = app.add_subcommand(
       "calibrate",
       "person score and joint confidences that mean what they say, fitted on validation windows");
@@ -98,7 +98,7 @@ void add_calibrate(CLI::App& app) {
       ->required();
   command->add_option("--out", options->out, "weights file to write; the model itself if not given");
   add_engine_options(*command, options->engine);
-  command->callback([options] { run(*options); });
+  command->callback([options] { run_calibrate(*options); });
 }
 
 }  // namespace csipose::train

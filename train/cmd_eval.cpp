@@ -26,7 +26,7 @@ namespace {
 constexpr std::size_t kSheetWindows = 12;
 constexpr double kMostOff = 0.005;  // of a figure, from processor to processor
 
-struct Options {
+struct EvalOptions {
   std::string model, out, expected;
   std::vector<std::string> data, training;
   EngineOptions engine;
@@ -35,7 +35,7 @@ struct Options {
 
 struct NamedFigures {
   std::string name;
-  Figures figures;
+  Evaluation figures;
 };
 
 /// All links; with drop_receivers also every choice of one and of two receivers without theirs.
@@ -144,7 +144,7 @@ void put(nlohmann::ordered_json& results, const Metrics& metrics) {
   results[std::string(name_of(metrics.protocol()))] = nlohmann::ordered_json::parse(metrics_json(metrics));
 }
 
-nlohmann::ordered_json report_of(const Options& options, const Model& model, const Engine& engine,
+nlohmann::ordered_json report_of(const EvalOptions& options, const Model& model, const Engine& engine,
                                  const std::vector<NamedFigures>& rows,
                                  const std::vector<TrivialFigures>& trivial) {
   nlohmann::ordered_json report;
@@ -173,7 +173,7 @@ nlohmann::ordered_json report_of(const Options& options, const Model& model, con
 }
 
 /// Throws when the report that options.expected names says otherwise.
-void compare_with_expected(const Options& options, const nlohmann::ordered_json& report) {
+void compare_with_expected(const EvalOptions& options, const nlohmann::ordered_json& report) {
   std::ifstream file(options.expected);
   const auto expected = nlohmann::json::parse(file, nullptr, false);
   if (expected.is_discarded())
@@ -209,7 +209,7 @@ struct Seen {
   }
 };
 
-void write_pictures(const Options& options, const EvaluationSet& set, const Seen& seen,
+void write_pictures(const EvalOptions& options, const EvaluationSet& set, const Seen& seen,
                     const std::vector<NamedMetrics>& by_count) {
   const std::string title =
       fmt::format("{} on {}", std::filesystem::path(options.model).filename().string(), set.windows->name());
@@ -224,7 +224,7 @@ void write_pictures(const Options& options, const EvaluationSet& set, const Seen
   write("counts.png", draw_error_by_count(by_count, title));
 }
 
-void run(const Options& options) {
+void run_eval(const EvalOptions& options) {
   const std::shared_ptr<const Model> model = Model::load(options.model);
   const EvaluationSet set = open_evaluation_sets(options.data);
   const EvaluationSet training = open_evaluation_sets(options.training);
@@ -259,7 +259,7 @@ void run(const Options& options) {
 }  // namespace
 
 void add_eval(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<EvalOptions>();
   CLI::App* command =
       app.add_subcommand("eval", "a weights file on labelled windows, by the daemon's engine");
   command->add_option("--model", options->model, "weights, .safetensors")->required();
@@ -276,7 +276,7 @@ void add_eval(CLI::App& app) {
   add_engine_options(*command, options->engine);
   command->add_flag("--drop-receivers", options->drop_receivers,
                     "also with each receiver, and each two, absent");
-  command->callback([options] { run(*options); });
+  command->callback([options] { run_eval(*options); });
 }
 
 }  // namespace csipose::train

@@ -63,7 +63,7 @@ void print_head(const ExperimentOptions& options) {
       fmt::join(options.seeds, ", "));
 }
 
-void run(ExperimentOptions options) {
+void run_experiment(ExperimentOptions options) {
   if (options.list) return print_list();
   if (options.ids.empty())
     throw SetupError(ExitStatus::usage, "name the experiments, or --list; see docs/training.md");
@@ -96,7 +96,7 @@ void add_experiment(CLI::App& app) {
   command->add_option("--seeds", options->seeds, "one run each")->capture_default_str();
   command->add_option("--run", options->run.file, "run file with what the rows share");
   command->add_option("--set", options->run.set, "section.key=value")->allow_extra_args(false);
-  command->callback([options] { run(*options); });
+  command->callback([options] { run_experiment(*options); });
 }
 
 }  // namespace csipose::train

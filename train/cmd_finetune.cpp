@@ -11,7 +11,7 @@
 namespace csipose::train {
 namespace {
 
-void run(const RunOptions& options) {
+void run_finetune(const RunOptions& options) {
   const RunSettings settings = settings_of(options);
   prepare_machine(settings);
   const Workers workers = Workers::from_environment();
@@ -29,7 +29,7 @@ void add_finetune(CLI::App& app) {
       "finetune",
       "learn people's poses from windows with labels; an interrupted run goes on where it stopped");
   add_run_options(*command, *options);
-  command->callback([options] { run(*options); });
+  command->callback([options] { run_finetune(*options); });
 }
 
 }  // namespace csipose::train

@@ -17,19 +17,19 @@
 namespace csipose::train {
 namespace {
 
-struct Options {
+struct GateOptions {
   std::string model, out;
   std::vector<std::string> data;
   int threads = 2;
 };
 
-double error_m(const Options& options, const std::shared_ptr<const Model>& model, const EvaluationSet& set,
-               const std::string& precision) {
+double error_m(const GateOptions& options, const std::shared_ptr<const Model>& model,
+               const EvaluationSet& set, const std::string& precision) {
   const auto engine = make_engine({"onednn", precision, options.threads}, model);
   return evaluate_model(*engine, *model, set, LinkSet().set()).piw3d.all().frame_mean.mpjpe / 1000;
 }
 
-void run(const Options& options) {
+void run_gate(const GateOptions& options) {
   const SafetensorsFile file = SafetensorsFile::read(options.model);
   const std::shared_ptr<const Model> model = Model::from(file);
   auto gate = model->gate();
@@ -61,7 +61,7 @@ void run(const Options& options) {
 }  // namespace
 
 void add_gate(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<GateOptions>();
   CLI::App* command = app.add_subcommand(
       "gate",
       "lets the daemon choose bf16 or int8 where its error on labelled windows is at most 1 % above f32's");
@@ -71,7 +71,7 @@ void add_gate(CLI::App& app) {
       ->required();
   command->add_option("--out", options->out, "weights file to write; the model itself if not given");
   command->add_option("--threads", options->threads, "of the engine")->check(CLI::Range(1, 256));
-  command->callback([options] { run(*options); });
+  command->callback([options] { run_gate(*options); });
 }
 
 }  // namespace csipose::train

@@ -11,7 +11,7 @@
 namespace csipose::train {
 namespace {
 
-void run(const RunOptions& options) {
+void run_pretrain(const RunOptions& options) {
   const RunSettings settings = settings_of(options);
   prepare_machine(settings);
   const Workers workers = Workers::from_environment();
@@ -29,7 +29,7 @@ void add_pretrain(CLI::App& app) {
                                          "pre-train an encoder on windows without labels (WiFi-JEPA); an "
                                          "interrupted run goes on where it stopped");
   add_run_options(*command, *options);
-  command->callback([options] { run(*options); });
+  command->callback([options] { run_pretrain(*options); });
 }
 
 }  // namespace csipose::train

@@ -71,7 +71,7 @@ class MeanPose {
   }
 
  private:
-  std::array<double, 3 * kJoints> sum_{};
+  std::array<double, kPoseWidth> sum_{};
   std::size_t count_ = 0;
 };
 
@@ -212,7 +212,7 @@ void ask_model(Engine& engine, const Model& model, const EvaluationSet& set, Lin
     const NetworkOutput output = engine.run(x, links, here.background);
     Answer answer{i, here, in_room(model.model_to_room(), set.windows->people(i)), {}, {}, {}};
     for (std::size_t q = 0; q < output.logits.size(); ++q)
-      answer.hypotheses.push_back(in_room(model.model_to_room(), output.poses.data() + q * 3 * kJoints));
+      answer.hypotheses.push_back(in_room(model.model_to_room(), output.poses.data() + q * kPoseWidth));
     const Selected chosen = select_people(output, model, selection, selected);
     if (chosen.not_finite)
       throw SetupError(ExitStatus::bad_data,
@@ -240,9 +240,9 @@ void Installations::add(const NearestBackground& found, const Model& model, cons
   mistaken += known && found.background->name != name;
 }
 
-Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
-                       const std::function<void(const Answer&)>& watch) {
-  Figures figures;
+Evaluation evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+                          const std::function<void(const Answer&)>& watch) {
+  Evaluation figures;
   ask_model(engine, model, set, links, [&](const Answer& answer) {
     figures.piw3d.add(answer.hypotheses, answer.people);
     figures.detect.add(skeletons_of(answer.found), answer.people);

@@ -76,7 +76,7 @@ struct Installations {
   void add(const NearestBackground& found, const Model& model, const std::string& name);
 };
 
-struct Figures {
+struct Evaluation {
   Metrics piw3d{Protocol::piw3d}, detect{Protocol::detect};
   Installations installations;
   /// Of `detect`: the score, against being matched, and the confidence of each joint of those matched, against an error
@@ -84,8 +84,8 @@ struct Figures {
   Reliability score, joints;
 };
 /// `watch` is told every answer.
-Figures evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
-                       const std::function<void(const Answer&)>& watch = {});
+Evaluation evaluate_model(Engine& engine, const Model& model, const EvaluationSet& set, LinkSet links,
+                          const std::function<void(const Answer&)>& watch = {});
 
 struct TrivialFigures {
   std::string name;

@@ -14,8 +14,6 @@
 namespace csipose::train {
 namespace {
 
-constexpr std::size_t kPose = 3 * kJoints;
-
 /// Windows in memory.
 class MadeUp : public WindowSource {
  public:
@@ -62,7 +60,7 @@ TEST(EvaluateModel, ItsOwnAnswersAreRight) {
     const NetworkOutput output = engine->run(x, LinkSet().set());
     Skeleton& person = windows->people_[i].emplace_back();
     for (std::size_t j = 0; j < kJoints; ++j) {
-      const float* xyz_m = &output.poses[2 * kPose + 3 * j];  // the third query's
+      const float* xyz_m = &output.poses[2 * kPoseWidth + 3 * j];  // the third query's
       person[j] = {xyz_m[0] + 0.03f, xyz_m[1], xyz_m[2]};
     }
   }
@@ -143,8 +141,8 @@ TEST(EvaluateModel, WhatIsStatedIsComparedWithWhatCameTrue) {
       std::make_shared<MadeUp>(std::vector<std::vector<Skeleton>>(4), std::vector<std::uint64_t>{0, 0, 0, 0});
   const EvaluationSet set = set_of(windows, {0, 0, 0, 0});
   std::vector<Answer> alone;
-  const Figures nobody_there = evaluate_model(*engine, *model, set, LinkSet().set(),
-                                              [&](const Answer& answer) { alone.push_back(answer); });
+  const Evaluation nobody_there = evaluate_model(*engine, *model, set, LinkSet().set(),
+                                                 [&](const Answer& answer) { alone.push_back(answer); });
   EXPECT_EQ(nobody_there.joints.count(), 0u) << "who is not there has no error";
   double scores = 0;
   for (const Answer& answer : alone) {
@@ -162,7 +160,7 @@ TEST(EvaluateModel, WhatIsStatedIsComparedWithWhatCameTrue) {
   }
   EXPECT_NEAR(nobody_there.score.expected_error(), scores, 1e-6) << "said so often, true never";
 
-  const Figures there = evaluate_model(*engine, *model, set, LinkSet().set(), [](const Answer& answer) {
+  const Evaluation there = evaluate_model(*engine, *model, set, LinkSet().set(), [](const Answer& answer) {
     const Detection& best = answer.found.front();
     ASSERT_EQ(best.match, 0u);
     EXPECT_NEAR(best.error_m[8], 0.04, 1e-5);
@@ -184,7 +182,7 @@ TEST(EvaluateModel, TheFaintAreMatchedToThoseWhoAreLeft) {
   const EvaluationSet set = set_of(windows, {0});
   const auto ask = [&] {
     Answer seen;
-    const Figures figures =
+    const Evaluation figures =
         evaluate_model(*engine, *model, set, LinkSet().set(), [&](const Answer& answer) { seen = answer; });
     EXPECT_EQ(figures.score.count(), 0u) << "nobody is said to be there";
     EXPECT_EQ(figures.detect.all().predicted, 0u);
@@ -288,7 +286,7 @@ TEST(EvaluationSets, AreOneAfterTheOther) {
     names.push_back((folder / std::to_string(f)).string());
     std::filesystem::create_directories(names.back());
     const std::vector<float> windows(2 * kChannels * kTokens, static_cast<float>(f)),
-        labels(2 * kPose, static_cast<float>(f + 1));
+        labels(2 * kPoseWidth, static_cast<float>(f + 1));
     const std::vector<std::uint32_t> clips = {3, 3};
     const std::vector<std::uint8_t> rooms = {0, static_cast<std::uint8_t>(1 - f)};
     write_npy<float>(names.back() + "/windows.npy", {2, kChannels, kSamples, kLinks}, windows);
