@@ -27,8 +27,8 @@ if(CSIPOSE_SANITIZE MATCHES address AND CMAKE_CXX_COMPILER_ID STREQUAL Clang)
   set(CSIPOSE_ASAN_MACRO __SANITIZE_ADDRESS__=1)
 endif()
 if(CSIPOSE_FUZZ)
-  # Every library reports its branches, so that the fuzzer sees where an input led; tests are never fuzzed.
-  target_compile_options(csipose_flags INTERFACE $<$<NOT:$<BOOL:$<TARGET_PROPERTY:CSIPOSE_IS_TEST>>>:-fsanitize=fuzzer-no-link>)
+  # Libraries that fuzz targets name report their branches, so that the fuzzer sees where an input led.
+  target_compile_options(csipose_flags INTERFACE $<$<BOOL:$<TARGET_PROPERTY:CSIPOSE_FUZZED>>:-fsanitize=fuzzer-no-link>)
 endif()
 if(CSIPOSE_SANITIZE MATCHES thread)
   # GCC warns that it does not model fences; we use none across threads.
@@ -48,24 +48,21 @@ endfunction()
 # What every test includes is compiled once; test code itself is not worth optimising, and with clang's sanitizers that would
 # be most of its compilation.
 # THREADS: more than one thread runs in it, or in a program that it starts. The thread sanitizer's build makes these alone.
-function(csipose_test_code target)  # options of all test code
-  target_compile_options(${target} PRIVATE $<IF:$<CONFIG:Release>,-O1,-O0>)
-  set_target_properties(${target} PROPERTIES CSIPOSE_IS_TEST ON)
-endfunction()
+set(CSIPOSE_TEST_FLAGS $<IF:$<CONFIG:Release>,-O1,-O0>)
 if(CSIPOSE_TESTS)
   add_custom_target(csipose_tests)  # every test that this build runs, with the programs that tests start
   find_package(GTest REQUIRED)
   find_package(fmt REQUIRED)
   file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp CONTENT "")
   add_library(csipose_test_headers OBJECT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp)
-  csipose_test_code(csipose_test_headers)
+  target_compile_options(csipose_test_headers PRIVATE ${CSIPOSE_TEST_FLAGS})
   target_link_libraries(csipose_test_headers PRIVATE csipose_flags fmt::fmt GTest::gtest)
   target_precompile_headers(csipose_test_headers PRIVATE <gtest/gtest.h> <fmt/format.h> <filesystem> <fstream> <random>)
 endif()
 function(csipose_test name)
   cmake_parse_arguments(ARG "THREADS" "" "LIBRARIES" ${ARGN})
   add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
-  csipose_test_code(${name})
+  target_compile_options(${name} PRIVATE ${CSIPOSE_TEST_FLAGS})
   target_link_libraries(${name} PRIVATE csipose_flags ${ARG_LIBRARIES} fmt::fmt GTest::gtest GTest::gtest_main)
   target_precompile_headers(${name} REUSE_FROM csipose_test_headers)
   target_compile_definitions(${name} PRIVATE
@@ -89,6 +86,7 @@ function(csipose_fuzz name)
   cmake_parse_arguments(ARG "" "" "LIBRARIES" ${ARGN})
   set(corpus ${CMAKE_SOURCE_DIR}/tests/fuzz/corpus/${name})
   if(CSIPOSE_FUZZ)
+    set_target_properties(${ARG_LIBRARIES} PROPERTIES CSIPOSE_FUZZED ON)
     add_executable(fuzz_${name} ${ARG_UNPARSED_ARGUMENTS})
     target_compile_options(fuzz_${name} PRIVATE -fsanitize=fuzzer)
     target_link_options(fuzz_${name} PRIVATE -fsanitize=fuzzer)
