@@ -50,7 +50,15 @@ void print_row(const Experiment& row, const std::vector<ExperimentResult>& resul
   const Spread ours = spread_of(results);
   fmt::print("| `{}` | {} | {:.2f} | {:.1f} | {:.1f} | {} |\n", row.id, row.words, row.published_mm,
              ours.mean, ours.deviation, fmt::join(each, ", "));
-  std::fflush(stdout);
+}
+
+/// What the mean of a row with each environment left out is made of.
+void print_environments(const Experiment& row, const std::vector<ExperimentResult>& results,
+                        const std::vector<std::string>& folders) {
+  for (const ExperimentResult& result : results)
+    for (std::size_t i = 0; i < result.environments_mm.size(); ++i)
+      fmt::print("`{}`, seed {}: {:.1f} mm on {}, learnt from the others\n", row.id, result.seed,
+                 result.environments_mm[i], folders[i]);
 }
 
 void print_head(const ExperimentOptions& options) {
@@ -78,6 +86,8 @@ void run_experiment(ExperimentOptions options) {
   }
   print_head(options);
   for (const auto& [row, results] : done) print_row(*row, results);
+  for (const auto& [row, results] : done)
+    if (row->leave_one_out) fmt::print("\n"), print_environments(*row, results, options.data.test);
 }
 
 }  // namespace

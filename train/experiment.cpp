@@ -51,9 +51,10 @@ void open_into(Sources& sources, const std::vector<std::string>& folders, double
 
 Sources pretraining_data(const Experiment& row, const ExperimentData& data) {
   Sources sources;
-  if (row.real) open_into(sources, data.real, row.share, row.id, "--data");
-  if (row.objects) open_into(sources, data.objects, row.share, row.id, "--objects");
-  if (row.humans) open_into(sources, data.humans, row.share, row.id, "--humans");
+  const auto& [real, objects, humans, share] = row.pretraining;
+  if (real) open_into(sources, data.real, share, row.id, "--data");
+  if (objects) open_into(sources, data.objects, share, row.id, "--objects");
+  if (humans) open_into(sources, data.humans, share, row.id, "--humans");
   return sources;
 }
 
@@ -78,7 +79,7 @@ double learn_and_judge(const Experiment& row, const RunSettings& shared, const E
   RunSettings settings = shared;
   settings.pretrain.mask = row.mask;
   settings.network.flat_tokens = row.flat_tokens;
-  if (row.pretrained) {
+  if (row.pretraining.any()) {
     Pool pool(pretraining_data(row, data));
     settings.run.out = folder / "pretrain";
     must_finish(pretrain(settings, pool, Workers()));
@@ -94,49 +95,85 @@ double learn_and_judge(const Experiment& row, const RunSettings& shared, const E
   return judge(folder / "finetune" / "best.safetensors", judged);
 }
 
-/// Mean over the environments, each of which is left out once.
-double leave_each_out(const Experiment& row, const RunSettings& settings, const ExperimentData& data,
-                      const fs::path& folder) {
+/// Error on each environment of what is learned from the others.
+std::vector<double> leave_each_out(const Experiment& row, const RunSettings& settings,
+                                   const ExperimentData& data, const fs::path& folder) {
   if (data.real.size() < 2 || data.real.size() != data.test.size())
     throw SetupError(
         ExitStatus::bad_config,
         fmt::format("experiment {} needs a folder in --data for each environment, at least two, and in "
                     "--test as many in the same order",
                     row.id));
-  double sum = 0;
+  std::vector<double> errors_mm;
   for (std::size_t out = 0; out < data.real.size(); ++out) {
     ExperimentData rest = data;
     rest.real.erase(rest.real.begin() + static_cast<std::ptrdiff_t>(out));
     rest.test = {data.test[out]};
-    sum += learn_and_judge(row, settings, rest, folder / fmt::format("without-{}", out));
+    errors_mm.push_back(learn_and_judge(row, settings, rest, folder / fmt::format("without-{}", out)));
   }
-  return sum / static_cast<double>(data.real.size());
+  return errors_mm;
 }
 
 ExperimentResult run_seed(const Experiment& row, RunSettings settings, const ExperimentData& data,
                           std::uint64_t seed) {
   const fs::path folder = fs::path(settings.run.out) / fmt::format("{}-seed{}", row.id, seed);
   settings.run.seed = static_cast<int>(seed);
-  return {seed, (row.leave_one_out ? leave_each_out : learn_and_judge)(row, settings, data, folder)};
+  if (!row.leave_one_out) return {seed, learn_and_judge(row, settings, data, folder)};
+  const std::vector<double> each = leave_each_out(row, settings, data, folder);
+  return {seed, std::accumulate(each.begin(), each.end(), 0.) / static_cast<double>(each.size()), each};
 }
 
 }  // namespace
 
 const std::vector<Experiment>& experiments() {
   static const std::vector<Experiment> rows = {
-      {"T2a", "each environment left out in turn", 324.2, true, true, true, false, 1, "link", false, true},
-      {"T5a", "from scratch", 102.4, false, false, false, false, 1, "link"},
-      {"T5b", "pre-trained on sim-object", 100.1, true, false, true, false, 1, "link"},
-      {"T5c", "pre-trained on sim-human", 110.3, true, false, false, true, 1, "link"},
-      {"T5d", "pre-trained on the data itself", 97.1, true, true, false, false, 1, "link"},
-      {"T5e", "pre-trained on half of the data and half of sim-object", 97.2, true, true, true, false, 0.5,
-       "link"},
-      {"T5f", "pre-trained on the data and sim-object", 93.5, true, true, true, false, 1, "link"},
-      {"T7a", "random masking", 105.14, true, true, false, false, 1, "random"},
-      {"T7b", "masking of blocks", 102.06, true, true, false, false, 1, "block"},
-      {"T7c", "masking of times", 104.24, true, true, false, false, 1, "time"},
-      {"T7d", "masking of links", 97.10, true, true, false, false, 1, "link"},
-      {"T8", "masking of links, flat 2-D tokens", 111.85, true, true, false, false, 1, "link", true},
+      {.id = "T2a",
+       .words = "each environment left out in turn",
+       .published_mm = 324.2,
+       .pretraining = {.real = true, .objects = true},
+       .leave_one_out = true},
+      {.id = "T5a", .words = "from scratch", .published_mm = 102.4, .pretraining = {}},
+      {.id = "T5b",
+       .words = "pre-trained on sim-object",
+       .published_mm = 100.1,
+       .pretraining = {.objects = true}},
+      {.id = "T5c",
+       .words = "pre-trained on sim-human",
+       .published_mm = 110.3,
+       .pretraining = {.humans = true}},
+      {.id = "T5d",
+       .words = "pre-trained on the data itself",
+       .published_mm = 97.1,
+       .pretraining = {.real = true}},
+      {.id = "T5e",
+       .words = "pre-trained on half of the data and half of sim-object",
+       .published_mm = 97.2,
+       .pretraining = {.real = true, .objects = true, .share = 0.5}},
+      {.id = "T5f",
+       .words = "pre-trained on the data and sim-object",
+       .published_mm = 93.5,
+       .pretraining = {.real = true, .objects = true}},
+      {.id = "T7a",
+       .words = "random masking",
+       .published_mm = 105.14,
+       .pretraining = {.real = true},
+       .mask = "random"},
+      {.id = "T7b",
+       .words = "masking of blocks",
+       .published_mm = 102.06,
+       .pretraining = {.real = true},
+       .mask = "block"},
+      {.id = "T7c",
+       .words = "masking of times",
+       .published_mm = 104.24,
+       .pretraining = {.real = true},
+       .mask = "time"},
+      {.id = "T7d", .words = "masking of links", .published_mm = 97.10, .pretraining = {.real = true}},
+      {.id = "T8",
+       .words = "masking of links, flat 2-D tokens",
+       .published_mm = 111.85,
+       .pretraining = {.real = true},
+       .flat_tokens = true},
   };
   return rows;
 }

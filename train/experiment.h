@@ -20,16 +20,22 @@ struct ExperimentData {
   std::vector<std::string> real, objects, humans, test;
 };
 
+/// What a row is pre-trained on without labels: nothing, or these sets.
+struct PretrainingData {
+  bool real = false, objects = false, humans = false;
+  double share = 1;  ///< of each
+
+  bool any() const { return real || objects || humans; }
+};
+
 struct Experiment {
-  std::string_view id;         ///< "T5f"
-  std::string_view words;      ///< "real and sim-object"
-  double published_mm;         ///< MPJPE of the whole test set; 0: not published as one number
-  bool pretrained;             ///< false: from random weights
-  bool real, objects, humans;  ///< what it is pre-trained on
-  double share;                ///< of each of these sets
-  std::string_view mask;       ///< of pre-training
-  bool flat_tokens = false;    ///< patches of the flattened window for tokens
-  bool leave_one_out = false;  ///< each environment in turn is kept from learning, and judged on
+  std::string_view id;     ///< "T5f"
+  std::string_view words;  ///< "real and sim-object"
+  double published_mm;     ///< MPJPE of the whole test set; 0: not published as one number
+  PretrainingData pretraining;
+  std::string_view mask = "link";  ///< of pre-training
+  bool flat_tokens = false;        ///< patches of the flattened window for tokens
+  bool leave_one_out = false;      ///< each environment in turn is kept from learning, and judged on
 };
 /// Every row that can be run, in the order of the tables.
 const std::vector<Experiment>& experiments();
@@ -39,6 +45,8 @@ const Experiment& experiment_named(std::string_view id);
 struct ExperimentResult {
   std::uint64_t seed = 0;
   double error_mm = 0;  ///< piw3d on the test windows
+  /// Where each environment was left out: that on each, in the order of the data; error_mm is their mean.
+  std::vector<double> environments_mm{};
 };
 /// Runs a row for each seed in folders below `settings.run.out`; finished parts are not done again. `settings` gives
 /// preset, epochs and everything else that rows share. Throws SetupError (bad_config) when data is missing.

@@ -99,7 +99,11 @@ TEST_F(Experiments, LeaveEachEnvironmentOutInTurn) {
   data_.test.push_back(folder("there-test", 20, 6));
   data_.objects = {folder("objects", 40, 7)};
   const auto results = run("T2a", {0});
-  EXPECT_GT(results[0].error_mm, 10);
+  const auto& each_mm = results[0].environments_mm;
+  ASSERT_EQ(each_mm.size(), 2u);
+  EXPECT_GT(std::min(each_mm[0], each_mm[1]), 10);
+  EXPECT_NE(each_mm[0], each_mm[1]);
+  EXPECT_DOUBLE_EQ(results[0].error_mm, (each_mm[0] + each_mm[1]) / 2);
   for (const char* out : {"without-0", "without-1"})
     EXPECT_TRUE(fs::exists(fs::path(settings_.run.out) / "T2a-seed0" / out / "finetune/best.safetensors"))
         << out;
