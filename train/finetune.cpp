@@ -11,9 +11,9 @@
 #include "model/seeded_random.h"
 #include "proto/result.h"
 #include "proto/window.h"
+#include "train/initial_weights.h"
 #include "train/losses.h"
 #include "train/schedules.h"
-#include "version.h"
 
 namespace csipose::train {
 namespace {
@@ -64,19 +64,6 @@ std::vector<ParameterGroup> groups_of(const Parameters& parameters, const RunSet
   return {encoder, rest, {parameters.under("sigma_branch."), 1, decay}};
 }
 
-/// The floor that the people of these windows walk.
-FloorGrid floor_of(const Pool& pool, std::span<const std::uint64_t> windows) {
-  std::vector<float> numbers;
-  for (const std::uint64_t window : windows)
-    for (const Skeleton& person : pool.people(window))
-      for (const Point3& hip : {person[kLeftHip], person[kRightHip]})
-        numbers.insert(numbers.end(), {hip.x, hip.y, hip.z});
-  if (numbers.empty())
-    throw SetupError(ExitStatus::bad_data, "the data to fine-tune on has no labels: nobody is in it");
-  const auto hips = static_cast<std::int64_t>(numbers.size() / 3);
-  return FloorGrid::around(at::from_blob(numbers.data(), {hips, 3}, at::kFloat));
-}
-
 // ---- evaluation ----
 
 /// Poses [queries][14][3] as skeletons.
@@ -106,12 +93,6 @@ TokenList tokens_of(std::vector<std::size_t> samples, const LinkSet& links) {
     for (std::size_t l = 0; l < kLinks; ++l)
       if (links[l]) tokens.push_back(static_cast<std::int64_t>(t * kLinks + l));
   return tokens;
-}
-
-NetworkConfig network_of_poses(const RunSettings& settings) {
-  NetworkConfig config = network_of(settings);
-  config.joint_sigma = config.identity_conditioning && settings.finetune.sigma_epochs > 0;
-  return config;
 }
 
 /// Of the run's steps those that teach poses; the head for the expected error learns in the rest.
@@ -367,106 +348,6 @@ void scale(Pool& pool, const Split& split, const RunSettings& settings) {
   pool.set_scaling(Model::load(settings.finetune.init)->normalisation());
 }
 
-/// The bias of the proposals' last layer becomes the mean pose of the labels.
-void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::uint64_t> windows) {
-  at::Tensor sum = at::zeros({kPoseWidth}, at::kDouble);
-  std::int64_t people = 0;
-  for (const std::uint64_t window : windows) {
-    const People there = pool.people_of(std::span(&window, 1));
-    sum += there.poses.to(at::kCPU).flatten(0, 1).sum(at::IntArrayRef{0}, false, at::kDouble);
-    people += there.count[0];
-  }
-  if (people == 0)
-    throw SetupError(ExitStatus::bad_data, "the data to fine-tune on has no labels: nobody is in it");
-  weights.parameters[fmt::format("kpt_branches.{}.6.bias", weights.config.decoder_layers)].copy_(
-      sum / static_cast<double>(people));
-}
-
-/// Takes the encoder of a pre-trained file, or everything of a fine-tuned one.
-void take_over(Weights& weights, const RunSettings& settings) {
-  const fs::path path = settings.finetune.init;
-  const Weights from = read_weights(path);
-  const std::string source = settings.finetune.init_from == "target" ? "target_encoder." : "encoder.";
-  const bool whole = from.metadata.at("stage") == "finetuned" && source == "encoder.";
-  std::size_t taken = 0;
-  for (const auto& [name, tensor] : weights.parameters) {
-    const bool encoder = name.rfind("encoder.", 0) == 0;
-    const std::string theirs = encoder ? source + name.substr(8) : name;
-    if ((!encoder && !whole) || name.rfind("norm.", 0) == 0 || !from.parameters.has(theirs)) continue;
-    // Another floor is learned anew.
-    if (name.rfind("predictor.map.", 0) == 0 && from.parameters[theirs].sizes() != tensor.sizes()) continue;
-    // What has learnt of channels alone begins without regard to backgrounds.
-    if (name == "encoder.patch_embed.proj.weight" && from.parameters[theirs].size(0) == tensor.size(0) &&
-        from.parameters[theirs].size(1) == static_cast<std::int64_t>(kChannels) &&
-        tensor.size(1) > from.parameters[theirs].size(1)) {
-      tensor.zero_().narrow(1, 0, kChannels).copy_(from.parameters[theirs]);
-      ++taken;
-      continue;
-    }
-    if (from.parameters[theirs].sizes() != tensor.sizes())
-      throw SetupError(
-          ExitStatus::bad_config,
-          fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
-                      "network.background_conditioning = {} and flat_tokens = {}; set all three as "
-                      "in that file",
-                      path.string(), theirs, settings.network.preset,
-                      settings.network.background_conditioning, settings.network.flat_tokens));
-    tensor.copy_(from.parameters[theirs]);
-    taken += encoder;
-  }
-  if (taken == 0)
-    throw SetupError(
-        ExitStatus::bad_config,
-        fmt::format("{} (finetune.init) has no '{}'; it was not made by pretrain", path.string(), source));
-  const auto theirs = from.metadata.find("corpus");
-  if (theirs != from.metadata.end()) weights.metadata["corpus"] = theirs->second;
-}
-
-/// What weights have learnt from: what those learnt from that they began with, then this.
-std::string corpus_after(const std::string& before, const std::string& now) {
-  return before.empty() || before == now ? now : before + "; then " + now;
-}
-
-/// Fewest links that the network will have been trained with.
-std::size_t min_links(const RunSettings& settings) {
-  if (settings.finetune.lose_two_receivers > 0) return 3;
-  if (settings.finetune.lose_receiver > 0 || settings.finetune.lose_links > 0) return 6;
-  return kLinks;
-}
-
-Weights initial_weights(const RunSettings& settings, const Pool& pool, const Split& split,
-                        const Numerics& numerics) {
-  Weights weights =
-      untrained_weights(network_of_poses(settings), static_cast<std::uint64_t>(settings.run.seed));
-  if (settings.network.init == "fan_in") scale_to_fan_in(weights.parameters, "encoder.");
-  if (settings.finetune.proposal_bias) set_proposal_bias(weights, pool, split.train);
-  if (settings.finetune.ordered > 0) {
-    weights.parameters.merge(
-        initial_ordered_head(weights.config.dim, static_cast<std::uint64_t>(settings.run.seed)));
-    const at::Tensor mean_pose =
-        weights.parameters[fmt::format("kpt_branches.{}.6.bias", weights.config.decoder_layers)];
-    weights.parameters["predictor.ordered.2.bias"]
-        .view({static_cast<std::int64_t>(kOrderedPeople), kPoseWidth + 1})
-        .narrow(1, 0, kPoseWidth)
-        .copy_(mean_pose);
-  }
-  if (settings.finetune.map > 0) {
-    const auto cells = static_cast<std::size_t>(floor_of(pool, split.train).cells());
-    weights.parameters.merge(
-        initial_map_head(weights.config.dim, cells, static_cast<std::uint64_t>(settings.run.seed)));
-  }
-  if (!settings.finetune.init.empty() && settings.finetune.init_from != "none") take_over(weights, settings);
-  set_normalisation(weights, pool.scaling().front());
-  weights.metadata["stage"] = "finetuned";
-  weights.metadata["git"] = CSIPOSE_COMMIT;
-  weights.metadata["corpus"] = corpus_after(weights.metadata["corpus"], pool.describe());
-  weights.metadata["run"] = to_toml(settings, false);
-  weights.metadata["numerics"] = numerics.matmul == at::kBFloat16 ? "bf16" : "f32";
-  weights.metadata["min_links"] = std::to_string(min_links(settings));
-  weights.metadata["progress"] = "{}";
-  return weights;
-}
-
 }  // namespace
 
 double oracle_error_m(const Parameters& weights, const NetworkConfig& config, const Pool& pool,
@@ -529,7 +410,8 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
   pool.give_for(network_of_poses(settings));
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);
-  Weights weights = resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split, numerics);
+  Weights weights =
+      resumed ? std::move(resumed->weights) : initial_weights(settings, pool, split.train, numerics);
   weights.parameters.move_to(device);
   pool.give_on(device);
   Poses3d poses(settings, pool, split, workers, std::move(weights), numerics);
