@@ -20,6 +20,7 @@
 
 #include "model/accuracy_gate.h"
 #include "model/calibrate.h"
+#include "model/cpu.h"
 #include "model/onednn_engine.h"
 
 namespace csipose {
@@ -186,6 +187,7 @@ void bench_all(const Options& options) {
 }  // namespace csipose
 
 int main(int argc, char** argv) try {
+  csipose::bound_spinning();
   csipose::Options options;
   CLI::App app("latency of encoder and whole network");
   app.add_option("--model", options.model, "weights file in the place of random weights");

@@ -22,6 +22,7 @@
 #include <numeric>
 #include <vector>
 
+#include "model/cpu.h"
 #include "proto/result.h"
 #include "tests/train/made_up_set.h"
 #include "train/finetune.h"
@@ -303,6 +304,7 @@ void measure_all(const Options& options) {
 }  // namespace csipose::train
 
 int main(int argc, char** argv) try {
+  csipose::bound_spinning();
   CLI::App app("train_bench: windows a second of training steps beside their matmuls");
   csipose::train::Options options;
   app.add_option("presets", options.presets, "paper, base, small, tiny, micro");

@@ -62,7 +62,10 @@ void add_calibrate(CLI::App& model_command) {
   command->add_option("--out", options->out, "weights file to write")->required()->type_name("FILE");
   command->add_option("--threads", options->threads)->check(CLI::Range(1, 256));
   command->add_flag("--force", options->force, "replace a file that is there");
-  command->callback([options] { calibrate(*options); });
+  command->callback([options] {
+    bound_spinning();
+    calibrate(*options);
+  });
 }
 
 }  // namespace csipose

@@ -42,6 +42,7 @@ ConfigSources parse_options(CLI::App& app, int argc, char** argv) {
 }
 
 void run(const ConfigSources& sources) {
+  bound_spinning();
   const Config config = load_config(sources);
   Log log(STDERR_FILENO, log_level_from(config.daemon.log_level));
   take_signals_in_turn();

@@ -84,7 +84,10 @@ void add_infer(CLI::App& app) {
       ->check(CLI::Range(0, 8));
   command->add_option("--stages", options->stages, "stages to write too: embed, block0, .., or all")
       ->delimiter(',');
-  command->callback([options] { infer(*options); });
+  command->callback([options] {
+    bound_spinning();
+    infer(*options);
+  });
 }
 
 }  // namespace csipose

@@ -3,10 +3,17 @@
 #include <cpuid.h>
 #include <immintrin.h>
 #include <oneapi/dnnl/dnnl.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <vector>
 
 namespace csipose {
 namespace {
 
+constexpr const char* kSpins = "2000";  // some microseconds: longer than between two regions of a window
 constexpr unsigned kFlushToZero = 1u << 15,
                    kDenormalsAreZero = 1u << 6;  // MXCSR; source: Intel SDM vol. 1, 10.2.3
 
@@ -47,6 +54,21 @@ std::string to_string(const CpuFeatures& features) {
   add(features.amx, "amx");
   add(features.amx_refused, "(amx present but refused)");
   return words.empty() ? "sse" : words;
+}
+
+void bound_spinning() {
+  if (std::getenv("GOMP_SPINCOUNT") != nullptr || std::getenv("OMP_WAIT_POLICY") != nullptr) return;
+  std::error_code unreadable;
+  const std::string program = std::filesystem::read_symlink("/proc/self/exe", unreadable).string();
+  std::ifstream command_line("/proc/self/cmdline", std::ios::binary);
+  std::vector<std::string> words;
+  for (std::string word; std::getline(command_line, word, '\0');) words.push_back(word);
+  if (unreadable || words.empty()) return;
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  setenv("GOMP_SPINCOUNT", kSpins, 1);
+  execv(program.c_str(), arguments.data());
 }
 
 void prepare_process_for_inference() { _mm_setcsr(_mm_getcsr() | kFlushToZero | kDenormalsAreZero); }

@@ -25,4 +25,11 @@ std::string to_string(const CpuFeatures& features);
 /// in main().
 void prepare_process_for_inference();
 
+/// Lets threads of OpenMP that wait for each other spin for microseconds only, then sleep. libgomp's own bound is a hundred times
+/// as long, and where other programs want the processors too, a thread that spins keeps the one that it waits for from running
+/// (docs/performance.md). libgomp reads its settings when it is loaded: the program starts once more, with GOMP_SPINCOUNT in its
+/// environment, unless that or OMP_WAIT_POLICY is there already. To be called before anything is open or begun; where the
+/// program cannot start again, nothing changes.
+void bound_spinning();
+
 }  // namespace csipose

@@ -21,16 +21,45 @@ struct Outcome {
   std::string text;
 };
 
-/// What csipose says, and how it ends.
-Outcome csipose(const std::string& arguments) {
+/// What a command says, and how it ends.
+Outcome outcome_of(const std::string& command) {
   Outcome outcome;
-  FILE* pipe = popen((CSIPOSE_BIN_DIR "/csipose " + arguments + " 2>&1").c_str(), "r");
+  FILE* pipe = popen((command + " 2>&1").c_str(), "r");
   std::array<char, 4096> buffer;
   for (std::size_t n = 0; (n = fread(buffer.data(), 1, buffer.size(), pipe)) > 0;)
     outcome.text.append(buffer.data(), n);
   const int status = pclose(pipe);
   outcome.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
   return outcome;
+}
+
+Outcome csipose(const std::string& arguments) { return outcome_of(CSIPOSE_BIN_DIR "/csipose " + arguments); }
+
+/// What libgomp says of its settings, each time that it is loaded, where a daemon without a configuration starts.
+std::string settings_of_libgomp(const std::string& environment) {
+  const Outcome outcome = outcome_of("env -u GOMP_SPINCOUNT -u OMP_WAIT_POLICY OMP_DISPLAY_ENV=VERBOSE " +
+                                     environment + " " CSIPOSE_BIN_DIR "/csiposed --config /nowhere");
+  EXPECT_NE(outcome.text.find("/nowhere"), std::string::npos) << outcome.text;
+  return outcome.text;
+}
+
+std::size_t count_of(const std::string& words, const std::string& text) {
+  std::size_t count = 0;
+  for (std::size_t at = 0; (at = text.find(words, at)) != std::string::npos; at += words.size()) ++count;
+  return count;
+}
+
+TEST(Csiposed, ThreadsThatWaitSpinBriefly) {
+  const std::string text = settings_of_libgomp("");
+  EXPECT_EQ(count_of("GOMP_SPINCOUNT = '", text), 2U) << "it starts once more: " << text;
+  EXPECT_EQ(count_of("GOMP_SPINCOUNT = '2000'", text), 1U) << text;
+}
+
+TEST(Csiposed, HowThreadsWaitIsLeftToWhoSaysIt) {
+  const std::string spins = settings_of_libgomp("GOMP_SPINCOUNT=77");
+  EXPECT_EQ(count_of("GOMP_SPINCOUNT = '", spins), 1U) << spins;
+  EXPECT_EQ(count_of("GOMP_SPINCOUNT = '77'", spins), 1U) << spins;
+  EXPECT_EQ(count_of("GOMP_SPINCOUNT = '", settings_of_libgomp("OMP_WAIT_POLICY=passive")), 1U);
 }
 
 TEST(NearestWord, FindsWhatWasMeant) {
