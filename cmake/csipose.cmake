@@ -36,7 +36,7 @@ if(CSIPOSE_SANITIZE MATCHES thread)
 endif()
 
 # csipose_command_lines(TARGET...): programs whose own files declare options and call on. The option parser's templates take
-# longer to compile than all that these files say: not optimised, and a few files at a time, they take a fifth.
+# longer to compile than all that these files say: not optimised, and a few files at a time, they take about a third.
 function(csipose_command_lines)
   foreach(target ${ARGN})
     target_compile_options(${target} PRIVATE -O0 ${CSIPOSE_UNITY_FLAGS})

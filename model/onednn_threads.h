@@ -3,8 +3,8 @@
 //
 // libgomp keeps a pool of threads for every thread that opens a parallel region. So the team belongs to the
 // thread that calls the engine; the first call from a thread makes its team: count, pinning, denormals. From
-// then on regions cost about a microsecond, no allocation and no system call (the threads spin inside a
-// window, and sleep between windows).
+// then on regions cost about a microsecond and no allocation: inside a window a thread that waits spins, and
+// calls the kernel only where the others are late (bound_spinning(), model/cpu.h); between windows they sleep.
 #pragma once
 
 #include <cstddef>

@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "model/cpu.h"
 #include "model/safetensors.h"
 #include "proto/result.h"
 #include "train/commands.h"
@@ -98,7 +99,10 @@ void add_calibrate(CLI::App& app) {
       ->required();
   command->add_option("--out", options->out, "weights file to write; the model itself if not given");
   add_engine_options(*command, options->engine);
-  command->callback([options] { run_calibrate(*options); });
+  command->callback([options] {
+    bound_spinning();
+    run_calibrate(*options);
+  });
 }
 
 }  // namespace csipose::train

@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "model/cpu.h"
 #include "model/safetensors.h"
 #include "proto/result.h"
 #include "train/commands.h"
@@ -276,7 +277,10 @@ void add_eval(CLI::App& app) {
   add_engine_options(*command, options->engine);
   command->add_flag("--drop-receivers", options->drop_receivers,
                     "also with each receiver, and each two, absent");
-  command->callback([options] { run_eval(*options); });
+  command->callback([options] {
+    bound_spinning();
+    run_eval(*options);
+  });
 }
 
 }  // namespace csipose::train

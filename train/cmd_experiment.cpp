@@ -6,6 +6,7 @@
 #include <cmath>
 #include <memory>
 
+#include "model/cpu.h"
 #include "proto/result.h"
 #include "train/commands.h"
 #include "train/experiment.h"
@@ -106,7 +107,10 @@ void add_experiment(CLI::App& app) {
   command->add_option("--seeds", options->seeds, "one run each")->capture_default_str();
   command->add_option("--run", options->run.file, "run file with what the rows share");
   command->add_option("--set", options->run.set, "section.key=value")->allow_extra_args(false);
-  command->callback([options] { run_experiment(*options); });
+  command->callback([options] {
+    bound_spinning();
+    run_experiment(*options);
+  });
 }
 
 }  // namespace csipose::train

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
+#include "model/cpu.h"
 #include "train/commands.h"
 #include "train/finetune.h"
 #include "train/run_command.h"
@@ -29,7 +30,10 @@ void add_finetune(CLI::App& app) {
       "finetune",
       "learn people's poses from windows with labels; an interrupted run goes on where it stopped");
   add_run_options(*command, *options);
-  command->callback([options] { run_finetune(*options); });
+  command->callback([options] {
+    bound_spinning();
+    run_finetune(*options);
+  });
 }
 
 }  // namespace csipose::train

@@ -71,7 +71,10 @@ void add_gate(CLI::App& app) {
       ->required();
   command->add_option("--out", options->out, "weights file to write; the model itself if not given");
   command->add_option("--threads", options->threads, "of the engine")->check(CLI::Range(1, 256));
-  command->callback([options] { run_gate(*options); });
+  command->callback([options] {
+    bound_spinning();
+    run_gate(*options);
+  });
 }
 
 }  // namespace csipose::train

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <memory>
 
+#include "model/cpu.h"
 #include "train/commands.h"
 #include "train/pretrain.h"
 #include "train/run_command.h"
@@ -29,7 +30,10 @@ void add_pretrain(CLI::App& app) {
                                          "pre-train an encoder on windows without labels (WiFi-JEPA); an "
                                          "interrupted run goes on where it stopped");
   add_run_options(*command, *options);
-  command->callback([options] { run_pretrain(*options); });
+  command->callback([options] {
+    bound_spinning();
+    run_pretrain(*options);
+  });
 }
 
 }  // namespace csipose::train

@@ -2,7 +2,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "model/cpu.h"
 #include "proto/result.h"
 #include "train/commands.h"
 #include "version.h"
@@ -10,7 +9,6 @@
 using csipose::ExitStatus;
 
 int main(int argc, char** argv) {
-  csipose::bound_spinning();
   CLI::App app("csipose-train: learns people's poses from WiFi channel state");
   app.set_version_flag("--version", "csipose-train " CSIPOSE_VERSION " (" CSIPOSE_COMMIT ")");
   app.require_subcommand(1);
