@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "model/assignment.h"
 
@@ -21,10 +22,8 @@ Vector vector_of(const Point3& p) {
 }
 Vector minus(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 double dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double distance_m(const Point3& a, const Point3& b) {
-  const Vector d = minus(vector_of(a), vector_of(b));
-  return std::sqrt(dot(d, d));
-}
+double length(const Vector& v) { return std::sqrt(dot(v, v)); }
+double distance_m(const Point3& a, const Point3& b) { return length(minus(vector_of(a), vector_of(b))); }
 double mean_distance_m(const Skeleton& a, const Skeleton& b) {
   double sum = 0;
   for (std::size_t j = 0; j < kJoints; ++j) sum += distance_m(a[j], b[j]);
@@ -88,6 +87,11 @@ Vector turned(const std::array<double, 4>& quaternion, const Vector& v) {
           2 * (x * z - w * y) * v[0] + 2 * (y * z + w * x) * v[1] + (w * w - x * x - y * y + z * z) * v[2]};
 }
 
+double angle_deg(const Vector& a, const Vector& b) {
+  const double lengths = length(a) * length(b);
+  return lengths > 0 ? std::acos(std::clamp(dot(a, b) / lengths, -1., 1.)) * 180 / std::numbers::pi : 90;
+}
+
 /// Percent of joints within `limit_mm`, inclusive.
 double share_within(const std::array<double, kJoints>& errors_mm, double limit_mm) {
   const auto within =
@@ -99,7 +103,8 @@ template <class Operation>
 void combine(PoseErrors& a, const PoseErrors& b, Operation operation) {
   operation(a.mpjpe, b.mpjpe);
   for (std::size_t k = 0; k < 3; ++k) operation(a.axis[k], b.axis[k]);
-  operation(a.pa_mpjpe, b.pa_mpjpe);
+  operation(a.mrpe, b.mrpe), operation(a.root_mpjpe, b.root_mpjpe), operation(a.pa_mpjpe, b.pa_mpjpe);
+  operation(a.facing_deg, b.facing_deg), operation(a.breadth_mm, b.breadth_mm);
   operation(a.pck20, b.pck20), operation(a.pck50, b.pck50);
   operation(a.pck20_elbows, b.pck20_elbows), operation(a.pck50_elbows, b.pck50_elbows);
   operation(a.pck20mm, b.pck20mm), operation(a.pck50mm, b.pck50mm);
@@ -161,6 +166,12 @@ std::array<double, kJoints> joint_errors_mm(const Skeleton& predicted, const Ske
   return errors;
 }
 
+Point3 left_to_right(const Skeleton& pose) {
+  const Point3 &ls = pose[kLeftShoulder], &rs = pose[kRightShoulder], &lh = pose[kLeftHip],
+               &rh = pose[kRightHip];
+  return {(rs.x - ls.x + rh.x - lh.x) / 2, (rs.y - ls.y + rh.y - lh.y) / 2, (rs.z - ls.z + rh.z - lh.z) / 2};
+}
+
 Skeleton aligned(const Skeleton& predicted, const Skeleton& person) {
   const Vector from = centre(predicted), to = centre(person);
   std::array<Vector, 3> sums{};
@@ -186,13 +197,19 @@ Skeleton aligned(const Skeleton& predicted, const Skeleton& person) {
 PoseErrors pose_errors(const Skeleton& predicted, const Skeleton& person) {
   const std::array<double, kJoints> errors = joint_errors_mm(predicted, person);
   PoseErrors result;
+  const Vector root_off = minus(vector_of(root_of(predicted)), vector_of(root_of(person)));
+  result.mrpe = 1000 * length(root_off);
   for (std::size_t j = 0; j < kJoints; ++j) {
     result.mpjpe += errors[j] / kJoints;
     const Vector d = minus(vector_of(predicted[j]), vector_of(person[j]));
     for (std::size_t k = 0; k < 3; ++k) result.axis[k] += 1000 * std::abs(d[k]) / kJoints;
+    result.root_mpjpe += 1000 * length(minus(d, root_off)) / kJoints;
   }
+  const Vector across = vector_of(left_to_right(predicted)), truly = vector_of(left_to_right(person));
+  result.facing_deg = angle_deg(across, truly);
+  result.breadth_mm = 1000 * (length(across) - length(truly));
   result.pa_mpjpe = 1000 * mean_distance_m(aligned(predicted, person), person);
-  constexpr std::size_t kRightShoulder = 3, kLeftElbow = 4, kRightElbow = 6;
+  constexpr std::size_t kLeftElbow = 4, kRightElbow = 6;
   const double torso_mm = 1000 * distance_m(person[kRightShoulder], person[kLeftHip]);
   const double elbows_mm = 1000 * distance_m(person[kRightElbow], person[kLeftElbow]);
   result.pck20 = share_within(errors, 0.2 * torso_mm), result.pck50 = share_within(errors, 0.5 * torso_mm);
@@ -275,7 +292,11 @@ nlohmann::ordered_json errors_json(const PoseErrors& e) {
           {"h", e.axis[0]},
           {"v", e.axis[1]},
           {"d", e.axis[2]},
+          {"mrpe", e.mrpe},
+          {"root_mpjpe", e.root_mpjpe},
           {"pa_mpjpe", e.pa_mpjpe},
+          {"facing_deg", e.facing_deg},
+          {"breadth_mm", e.breadth_mm},
           {"pck20", e.pck20},
           {"pck50", e.pck50},
           {"pck20_dtpose", e.pck20_elbows},

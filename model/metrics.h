@@ -9,7 +9,8 @@
 //   assigned  of fixed answers, as many as there are people: optimal assignment, however far.
 // Errors are in the coordinates of the label, millimetres. Means go over the people of a frame, then over
 // frames; frames in which nobody is matched are not in the mean, but are counted.
-// Source: aiotgroup/Person-in-WiFi-3D-repo (calc_mpjpe), cseeyangchen/DT-Pose (PCK); Horn 1987 (alignment).
+// Source: aiotgroup/Person-in-WiFi-3D-repo (calc_mpjpe), cseeyangchen/DT-Pose (PCK); Horn 1987 (alignment); Moon et al., ICCV 2019
+// (MRPE, errors as seen from the root).
 #pragma once
 
 #include <array>
@@ -32,13 +33,20 @@ std::string_view name_of(Protocol protocol);
 struct PoseErrors {
   double mpjpe = 0;              ///< mean distance of joints, mm
   std::array<double, 3> axis{};  ///< mean absolute difference, mm
+  double mrpe = 0;               ///< distance of the roots, mm: where somebody is
+  double root_mpjpe = 0;         ///< mean distance of joints, each seen from its own root, mm: how he stands
   double pa_mpjpe = 0;           ///< mm, after the similarity that fits best
-  double pck20 = 0, pck50 = 0;   ///< torso
+  double facing_deg =
+      0;  ///< angle between the two left_to_right(); 90 where one has no length, as for a guess
+  double breadth_mm = 0;        ///< how much longer the predicted left_to_right() is; far below 0: a stick
+  double pck20 = 0, pck50 = 0;  ///< torso
   double pck20_elbows = 0, pck50_elbows = 0;
   double pck20mm = 0, pck50mm = 0;
 };
 /// One prediction against one person.
 PoseErrors pose_errors(const Skeleton& predicted, const Skeleton& person);
+/// From left to right, the mean of shoulders and hips: across the way somebody faces.
+Point3 left_to_right(const Skeleton& pose);
 /// Distance of each joint, mm.
 std::array<double, kJoints> joint_errors_mm(const Skeleton& predicted, const Skeleton& person);
 /// `predicted` turned (never mirrored), scaled and moved so that the squared distances to `person` are least;

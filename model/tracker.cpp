@@ -31,11 +31,6 @@ double mean_joint_distance(const Skeleton& pose, const Skeleton& earlier,
   return sum / static_cast<double>(kJoints);
 }
 
-std::array<double, 3> root_of(const Skeleton& joints) {
-  const auto l = coordinates(joints[kLeftHip]), r = coordinates(joints[kRightHip]);
-  return {(l[0] + r[0]) / 2, (l[1] + r[1]) / 2, (l[2] + r[2]) / 2};
-}
-
 }  // namespace
 
 Tracker::Tracker(const TrackerConfig& config) : config_(config), assignment_(kMaxTracks, kMaxPeople) {
@@ -109,7 +104,7 @@ void Tracker::follow(Track& track, SteadyTime now, Person& person) {
   person.score = static_cast<float>(track.score);
   if (track.id == 0 && person.score >= config_.min_score) track.id = next_id_++;
   const double dt_s = seconds(now - track.seen);
-  const auto before = root_of(track.joints), after = root_of(person.joints);
+  const auto before = coordinates(root_of(track.joints)), after = coordinates(root_of(person.joints));
   if (dt_s > 0)
     for (std::size_t i = 0; i < 3; ++i)
       track.velocity_m_per_s[i] += (1 - std::exp(-dt_s / kVelocityMemory_s)) *

@@ -37,7 +37,13 @@ inline constexpr std::array<std::array<std::uint8_t, 2>, 14> kBones = {{{0, 1},
                                                                         {9, 12},
                                                                         {7, 11},
                                                                         {11, 13}}};
-inline constexpr std::size_t kLeftHip = 5, kRightHip = 7;
+inline constexpr std::size_t kLeftShoulder = 2, kRightShoulder = 3, kLeftHip = 5, kRightHip = 7;
+
+/// Between the hips.
+inline Point3 root_of(const Skeleton& joints) {
+  const Point3 &l = joints[kLeftHip], &r = joints[kRightHip];
+  return {(l.x + r.x) / 2, (l.y + r.y) / 2, (l.z + r.z) / 2};
+}
 
 inline constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();  ///< null in JSON, NaN in protobuf
 
@@ -51,10 +57,7 @@ struct Person {
   std::array<float, kJoints> sigma_m{};  ///< expected error, metres; NaN likewise
   std::uint32_t age_ms = 0;              ///< time tracked
 
-  Point3 root() const {
-    const Point3 &l = joints[kLeftHip], &r = joints[kRightHip];
-    return {(l.x + r.x) / 2, (l.y + r.y) / 2, (l.z + r.z) / 2};
-  }
+  Point3 root() const { return root_of(joints); }
 };
 
 enum class Source : std::uint8_t { live = 1, replay = 2, simulated = 3 };

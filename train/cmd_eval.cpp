@@ -86,6 +86,25 @@ void print_head(const char* title, Protocol protocol) {
   fmt::print("\n");
 }
 
+void print_stance(const std::string& name, const Metrics& metrics) {
+  const PoseErrors mean = metrics.all().frame_mean;
+  fmt::print("{:16}", name);
+  for (const double figure :
+       {mean.mpjpe, mean.mrpe, mean.root_mpjpe, mean.pa_mpjpe, mean.facing_deg, mean.breadth_mm})
+    fmt::print("{:>9}", cell(figure));
+  fmt::print("\n");
+}
+
+/// What of the error is where somebody is, and what is how he stands.
+void print_stances(const std::vector<NamedFigures>& rows, const std::vector<TrivialFigures>& trivial) {
+  fmt::print(
+      "\nwhere and how somebody stands: piw3d; trivial answers assigned (mm, degrees)\n"
+      "{:16}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}\n",
+      "", "MPJPE", "root", "from it", "PA", "facing", "breadth");
+  for (const NamedFigures& row : rows) print_stance(row.name, row.figures.piw3d);
+  for (const TrivialFigures& row : trivial) print_stance(row.name, row.assigned);
+}
+
 void print_tables(const std::vector<NamedFigures>& rows, const std::vector<TrivialFigures>& trivial) {
   print_head("detect: score 0.30, pose-NMS, pairs within 0.5 m (mm, %)", Protocol::detect);
   for (const NamedFigures& row : rows) print_row(row.name, row.figures.detect);
@@ -245,6 +264,7 @@ void run_eval(const EvalOptions& options) {
   if (watched) fmt::print(stderr, "\r\033[K");
   const std::vector<TrivialFigures> trivial = evaluate_trivial(training, set, model->model_to_room());
   print_tables(rows, trivial);
+  print_stances(rows, trivial);
   print_reliability(rows);
   print_installations(rows);
   const nlohmann::ordered_json report = report_of(options, *model, *engine, rows, trivial);

@@ -25,7 +25,17 @@ Skeleton moved(Skeleton pose, const Point3& by) {
   for (Point3& joint : pose) joint = plus(joint, by);
   return pose;
 }
-Point3 root_of(const Skeleton& pose) { return times(plus(pose[kLeftHip], pose[kRightHip]), 0.5f); }
+/// About the vertical through the origin.
+Skeleton turned(Skeleton pose, float angle_rad) {
+  const float c = std::cos(angle_rad), s = std::sin(angle_rad);
+  for (Point3& joint : pose) joint = {c * joint.x - s * joint.y, s * joint.x + c * joint.y, joint.z};
+  return pose;
+}
+/// In which horizontal direction the pose's right lies, from x towards y.
+float right_of_rad(const Skeleton& pose) {
+  const Point3 across = left_to_right(pose);
+  return std::atan2(across.y, across.x);
+}
 
 Skeleton in_room(const RoomTransform& model_to_room, const float* xyz_m) {
   Skeleton pose;
@@ -76,20 +86,22 @@ class MeanPose {
 };
 
 struct TrainingMeans {
-  Skeleton absolute, about_root;
+  Skeleton absolute, about_root, facing;  ///< facing: about its root, its right towards x
   std::map<std::uint8_t, Point3> root_of_room;
 };
 
 TrainingMeans means_of(const EvaluationSet& training, const RoomTransform& model_to_room) {
-  MeanPose absolute, about_root;
+  MeanPose absolute, about_root, facing;
   std::map<std::uint8_t, MeanPose> of_room;
   for (std::size_t i = 0; i < training.windows->size(); ++i)
     for (const Skeleton& pose : in_room(model_to_room, training.windows->people(i))) {
       absolute.add(pose);
-      about_root.add(moved(pose, times(root_of(pose), -1)));
+      const Skeleton from_root = moved(pose, times(root_of(pose), -1));
+      about_root.add(from_root);
+      facing.add(turned(from_root, -right_of_rad(pose)));
       of_room[training.rooms[i]].add(pose);
     }
-  TrainingMeans means{absolute.mean(), about_root.mean(), {}};
+  TrainingMeans means{absolute.mean(), about_root.mean(), facing.mean(), {}};
   for (const auto& [room, mean] : of_room) means.root_of_room[room] = root_of(mean.mean());
   return means;
 }
@@ -262,20 +274,25 @@ Evaluation evaluate_model(Engine& engine, const Model& model, const EvaluationSe
 std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
                                              const RoomTransform& model_to_room) {
   const TrainingMeans means = means_of(training, model_to_room);
-  std::vector<TrivialFigures> trivial = {{"mean_pose"}, {"mean_at_room"}, {"mean_at_root"}, {"last_pose"}};
+  std::vector<TrivialFigures> trivial = {
+      {"mean_pose"}, {"mean_at_room"}, {"mean_at_root"}, {"mean_facing"}, {"last_pose"}};
   std::vector<Skeleton> last;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     const std::vector<Skeleton> people = in_room(model_to_room, set.windows->people(i));
     const auto room = means.root_of_room.find(set.rooms[i]);
     const Skeleton at_room =
         room == means.root_of_room.end() ? means.absolute : moved(means.about_root, room->second);
-    std::vector<Skeleton> at_roots;
-    for (const Skeleton& person : people) at_roots.push_back(moved(means.about_root, root_of(person)));
+    std::vector<Skeleton> at_roots, facing;
+    for (const Skeleton& person : people) {
+      at_roots.push_back(moved(means.about_root, root_of(person)));
+      facing.push_back(moved(turned(means.facing, right_of_rad(person)), root_of(person)));
+    }
     if (i == 0 || set.windows->clip(i) != set.windows->clip(i - 1)) last.clear();
     add(trivial[0], std::vector<Skeleton>(people.size(), means.absolute), people);
     add(trivial[1], std::vector<Skeleton>(people.size(), at_room), people);
     add(trivial[2], at_roots, people);
-    add(trivial[3], last, people);
+    add(trivial[3], facing, people);
+    add(trivial[4], last, people);
     last = people;
   }
   return trivial;

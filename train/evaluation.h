@@ -11,6 +11,7 @@
 //   mean_pose       mean pose of the training set, where it was on average
 //   mean_at_room    mean pose about its root, placed at the mean root of the training people of that room
 //   mean_at_root    mean pose about its root, placed at each person's true root
+//   mean_facing     the same of poses that were turned to face one way, turned as each person truly faces
 //   last_pose       the labels of the window before in the same clip; nobody in a clip's first window
 #pragma once
 
@@ -92,7 +93,7 @@ struct TrivialFigures {
   Metrics assigned{Protocol::assigned};
   Metrics detect{Protocol::detect};  ///< of those within its half metre, all the same
 };
-/// The four trivial answers to `set`, with means from `training`.
+/// The five trivial answers to `set`, with means from `training`.
 std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
                                              const RoomTransform& model_to_room);
 

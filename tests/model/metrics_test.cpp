@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "tests/shared_data.h"
 
@@ -28,8 +29,45 @@ TEST(PoseErrors, OfAShift) {
   EXPECT_NEAR(errors.axis[0], 30, 1e-3);
   EXPECT_NEAR(errors.axis[1], 40, 1e-3);
   EXPECT_NEAR(errors.axis[2], 0, 1e-3);
+  EXPECT_NEAR(errors.mrpe, 50, 1e-3);
+  EXPECT_NEAR(errors.root_mpjpe, 0, 1e-3);
   EXPECT_NEAR(errors.pa_mpjpe, 0, 1e-3);
+  EXPECT_NEAR(errors.facing_deg, 0, 0.05);
+  EXPECT_NEAR(errors.breadth_mm, 0, 1e-3);
   EXPECT_EQ(errors.pck20mm, 0);
+}
+
+/// Shoulders 0.4 m and hips 0.2 m across, along `right`; all else above and below the root.
+Skeleton facing(Point3 right) {
+  Skeleton pose;
+  for (std::size_t j = 0; j < kJoints; ++j) pose[j] = {2, 1, 0.1f * static_cast<float>(j)};
+  const auto aside = [&](std::size_t joint, float metres, float height_m) {
+    pose[joint] = {2 + metres * right.x, 1 + metres * right.y, height_m + metres * right.z};
+  };
+  aside(kLeftShoulder, -0.2f, 1.4f), aside(kRightShoulder, 0.2f, 1.4f);
+  aside(kLeftHip, -0.1f, 0.9f), aside(kRightHip, 0.1f, 0.9f);
+  return pose;
+}
+
+TEST(PoseErrors, OfATurn) {
+  const Skeleton person = facing({1, 0, 0});
+  for (const float degrees : {0.f, 30.f, 90.f, 135.f, 180.f}) {
+    const float radians = degrees * static_cast<float>(std::numbers::pi) / 180;
+    const PoseErrors errors = pose_errors(facing({std::cos(radians), std::sin(radians), 0}), person);
+    EXPECT_NEAR(errors.facing_deg, degrees, 0.05);
+    EXPECT_NEAR(errors.breadth_mm, 0, 1e-3);
+    EXPECT_NEAR(errors.mrpe, 0, 1e-3);
+    const double chord = 2 * std::sin(radians / 2);  // of a turn by a radius of 1
+    EXPECT_NEAR(errors.root_mpjpe, 1000 * (2 * 0.2 + 2 * 0.1) * chord / kJoints, 1e-3);
+    EXPECT_NEAR(errors.mpjpe, errors.root_mpjpe, 1e-3);
+  }
+}
+
+TEST(PoseErrors, AStickFacesNowhere) {
+  const PoseErrors errors = pose_errors(facing({0, 0, 0}), facing({0, 1, 0}));
+  EXPECT_EQ(errors.facing_deg, 90);
+  EXPECT_NEAR(errors.breadth_mm, -300, 1e-3);
+  EXPECT_NEAR(pose_errors(facing({0, 0.5f, 0}), facing({0, 1, 0})).breadth_mm, -150, 1e-3);
 }
 
 TEST(PoseErrors, WithinIsInclusive) {

@@ -218,6 +218,30 @@ TEST(EvaluateTrivial, ClosedForms) {
   EXPECT_EQ(last.frames_unmatched, 2u) << "first windows of clips have no window before them";
 }
 
+/// Who stands with the left shoulder and hip at the root and right ones beside them.
+Skeleton turned_to(float x, float y, float angle_rad) {
+  Skeleton pose = standing(x, y);
+  for (const std::size_t joint : {kRightShoulder, kRightHip})
+    pose[joint] = {x + 0.4f * std::cos(angle_rad), y + 0.4f * std::sin(angle_rad), pose[joint].z};
+  return pose;
+}
+
+TEST(EvaluateTrivial, FacingIsToldToTheOneThatTurns) {
+  const auto training = std::make_shared<MadeUp>(
+      std::vector<std::vector<Skeleton>>{{turned_to(0, 0, 0.4f)}, {turned_to(2, 0, -2)}},
+      std::vector<std::uint64_t>{0, 1});
+  const auto windows = std::make_shared<MadeUp>(
+      std::vector<std::vector<Skeleton>>{{turned_to(1, 3, 3)}, {turned_to(4, 1, -1)}},
+      std::vector<std::uint64_t>{0, 1});
+  const auto rows = evaluate_trivial(set_of(training, {0, 0}), set_of(windows, {0, 0}), kIdentityTransform);
+  const PoseErrors told = figures_of(rows, "mean_facing").assigned.all().frame_mean;
+  EXPECT_NEAR(told.mpjpe, 0, 1e-3);
+  EXPECT_NEAR(told.facing_deg, 0, 0.05);
+  const PoseErrors not_told = figures_of(rows, "mean_at_root").assigned.all().frame_mean;
+  EXPECT_NEAR(not_told.mrpe, 0, 1e-3);
+  EXPECT_GT(not_told.root_mpjpe, 10);
+}
+
 // What ships is the network in half the bytes, and nothing else.
 TEST(Pack, KeepsTheNetworkToFloat16AndDropsWhatOnlyTrainingNeeds) {
   std::map<std::string, std::string> metadata;
