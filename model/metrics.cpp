@@ -13,6 +13,10 @@ namespace {
 constexpr double kTooFar_m = 0.5;      // detect
 constexpr double kGreedyLimit_m = 50;  // piw3d
 constexpr double kMissedPenalty_mm = 500;
+constexpr std::size_t kNeck = 0, kLeftElbow = 4, kRightElbow = 6, kLeftHand = 8, kLeftKnee = 9,
+                      kRightHand = 10, kRightKnee = 11, kLeftAnkle = 12, kRightAnkle = 13;
+constexpr double kLowLegs = 0.8;       // hips to ankles, of the legs' length
+constexpr double kBentTrunk_deg = 40;  // from the line from ankles to hips
 
 using Vector = std::array<double, 3>;
 using Matrix4 = std::array<std::array<double, 4>, 4>;
@@ -172,6 +176,28 @@ Point3 left_to_right(const Skeleton& pose) {
   return {(rs.x - ls.x + rh.x - lh.x) / 2, (rs.y - ls.y + rh.y - lh.y) / 2, (rs.z - ls.z + rh.z - lh.z) / 2};
 }
 
+std::string_view name_of(Posture posture) {
+  constexpr std::array<std::string_view, kPostures> kNames = {"low", "bent", "arms_raised", "upright"};
+  return kNames[static_cast<std::size_t>(posture)];
+}
+
+Posture posture_of(const Skeleton& person) {
+  const auto at = [&](std::size_t joint) { return vector_of(person[joint]); };
+  const Vector root = vector_of(root_of(person)), trunk = minus(at(kNeck), root);
+  Vector rise = root;  // from between the ankles to the hips
+  for (std::size_t k = 0; k < 3; ++k) rise[k] -= (at(kLeftAnkle)[k] + at(kRightAnkle)[k]) / 2;
+  const double legs_m =
+      (distance_m(person[kLeftHip], person[kLeftKnee]) + distance_m(person[kLeftKnee], person[kLeftAnkle]) +
+       distance_m(person[kRightHip], person[kRightKnee]) +
+       distance_m(person[kRightKnee], person[kRightAnkle])) /
+      2;
+  if (length(rise) < kLowLegs * legs_m) return Posture::low;
+  if (angle_deg(trunk, rise) > kBentTrunk_deg) return Posture::bent;
+  for (const std::size_t hand : {kLeftHand, kRightHand})
+    if (dot(minus(at(hand), at(kNeck)), trunk) > 0) return Posture::arms_raised;
+  return Posture::upright;
+}
+
 Skeleton aligned(const Skeleton& predicted, const Skeleton& person) {
   const Vector from = centre(predicted), to = centre(person);
   std::array<Vector, 3> sums{};
@@ -209,7 +235,6 @@ PoseErrors pose_errors(const Skeleton& predicted, const Skeleton& person) {
   result.facing_deg = angle_deg(across, truly);
   result.breadth_mm = 1000 * (length(across) - length(truly));
   result.pa_mpjpe = 1000 * mean_distance_m(aligned(predicted, person), person);
-  constexpr std::size_t kLeftElbow = 4, kRightElbow = 6;
   const double torso_mm = 1000 * distance_m(person[kRightShoulder], person[kLeftHip]);
   const double elbows_mm = 1000 * distance_m(person[kRightElbow], person[kLeftElbow]);
   result.pck20 = share_within(errors, 0.2 * torso_mm), result.pck50 = share_within(errors, 0.5 * torso_mm);
@@ -246,7 +271,8 @@ void Metrics::add(std::span<const Skeleton> predicted, std::span<const Skeleton>
   const std::vector<std::size_t> matches = match(protocol_, predicted, people);
   const auto matched = static_cast<std::size_t>(
       std::count_if(matches.begin(), matches.end(), [](std::size_t m) { return m != kMissed; }));
-  for (Sums* sums : {&all_, &by_count_[people.size()]}) {
+  const std::array<Sums*, 2> groups = {&all_, &by_count_[people.size()]};
+  for (Sums* sums : groups) {
     GroupMetrics& counts = sums->counts;
     ++counts.frames;
     sums->frames_matched += matched > 0;
@@ -255,12 +281,19 @@ void Metrics::add(std::span<const Skeleton> predicted, std::span<const Skeleton>
     counts.matched += matched;
     counts.predicted += predicted.size();
     counts.right_count += predicted.size() == people.size();
-    for (std::size_t j = 0; j < people.size(); ++j) {
-      if (matches[j] == kMissed) continue;
-      const PoseErrors errors = pose_errors(predicted[matches[j]], people[j]);
+  }
+  for (std::size_t j = 0; j < people.size(); ++j) {
+    PostureMetrics& alike = by_posture_[static_cast<std::size_t>(posture_of(people[j]))];
+    ++alike.people;
+    if (matches[j] == kMissed) continue;
+    const Skeleton& prediction = predicted[matches[j]];
+    const PoseErrors errors = pose_errors(prediction, people[j]);
+    const std::array<double, kJoints> joints = joint_errors_mm(prediction, people[j]);
+    ++alike.matched;
+    csipose::add(alike.person_mean, errors, 1);
+    for (Sums* sums : groups) {
       csipose::add(sums->by_person, errors, 1);
       csipose::add(sums->by_frame, errors, 1 / static_cast<double>(matched));
-      const std::array<double, kJoints> joints = joint_errors_mm(predicted[matches[j]], people[j]);
       for (std::size_t k = 0; k < kJoints; ++k) sums->joints[k] += joints[k];
     }
   }
@@ -275,6 +308,12 @@ GroupMetrics Metrics::Sums::means() const {
   const auto missed = static_cast<double>(counts.people - counts.matched);
   means.penalised_500 = (by_person.mpjpe + kMissedPenalty_mm * missed) / static_cast<double>(counts.people);
   return means;
+}
+
+PostureMetrics Metrics::by_posture(Posture posture) const {
+  PostureMetrics group = by_posture_[static_cast<std::size_t>(posture)];
+  group.person_mean = divided(group.person_mean, group.matched);
+  return group;
 }
 
 std::map<std::size_t, GroupMetrics> Metrics::by_count() const {
@@ -306,7 +345,6 @@ nlohmann::ordered_json errors_json(const PoseErrors& e) {
 }
 
 nlohmann::ordered_json group_json(const GroupMetrics& group, Protocol protocol) {
-  constexpr std::size_t kLeftElbow = 4, kRightElbow = 6, kLeftHand = 8, kRightHand = 10;
   nlohmann::ordered_json json = errors_json(group.frame_mean);
   json["elbows"] = (group.per_joint[kLeftElbow] + group.per_joint[kRightElbow]) / 2;
   json["hands"] = (group.per_joint[kLeftHand] + group.per_joint[kRightHand]) / 2;
@@ -333,6 +371,18 @@ std::string metrics_json(const Metrics& metrics) {
   json["all"] = group_json(all, metrics.protocol());
   for (const auto& [count, group] : metrics.by_count())
     json["by_count"][std::to_string(count)] = group_json(group, metrics.protocol());
+  for (std::size_t i = 0; i < kPostures; ++i) {
+    const auto posture = static_cast<Posture>(i);
+    const PostureMetrics group = metrics.by_posture(posture);
+    nlohmann::ordered_json& figures = json["by_posture"][std::string(name_of(posture))];
+    figures = {{"people", group.people},
+               {"mpjpe", group.person_mean.mpjpe},
+               {"mrpe", group.person_mean.mrpe},
+               {"root_mpjpe", group.person_mean.root_mpjpe},
+               {"pa_mpjpe", group.person_mean.pa_mpjpe},
+               {"facing_deg", group.person_mean.facing_deg}};
+    if (metrics.protocol() == Protocol::detect) figures["recall"] = ratio(group.matched, group.people);
+  }
   json["per_joint"] = all.per_joint;
   return json.dump();
 }

@@ -15,6 +15,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <span>
 #include <string>
@@ -45,6 +46,14 @@ struct PoseErrors {
 };
 /// One prediction against one person.
 PoseErrors pose_errors(const Skeleton& predicted, const Skeleton& person);
+/// How somebody stands, told by the joints alone, in whatever frame: the first of these that fits. low: hips nearer to the
+/// ankles than 0.8 of the legs' length, sitting or squatting. bent: neck over the hips leans by more than 40 degrees from the
+/// line from ankles to hips. arms_raised: a hand is further along that trunk than the neck.
+enum class Posture : std::uint8_t { low, bent, arms_raised, upright };
+inline constexpr std::size_t kPostures = 4;
+std::string_view name_of(Posture posture);
+Posture posture_of(const Skeleton& person);
+
 /// From left to right, the mean of shoulders and hips: across the way somebody faces.
 Point3 left_to_right(const Skeleton& pose);
 /// Distance of each joint, mm.
@@ -71,6 +80,12 @@ struct GroupMetrics {
   double count_accuracy() const;  ///< share of frames with as many predictions as people
 };
 
+/// Of the people who stand alike.
+struct PostureMetrics {
+  std::size_t people = 0, matched = 0;
+  PoseErrors person_mean;  ///< over those matched
+};
+
 /// Frames in, figures out.
 class Metrics {
  public:
@@ -79,6 +94,7 @@ class Metrics {
   GroupMetrics all() const { return all_.means(); }
   /// By the number of labelled people.
   std::map<std::size_t, GroupMetrics> by_count() const;
+  PostureMetrics by_posture(Posture posture) const;
   Protocol protocol() const { return protocol_; }
 
  private:
@@ -92,10 +108,11 @@ class Metrics {
   Protocol protocol_;
   Sums all_;
   std::map<std::size_t, Sums> by_count_;
+  std::array<PostureMetrics, kPostures> by_posture_;  ///< with sums in the place of means
 };
 
 /// {"protocol": .., "n_frames": .., "all": {"mpjpe": .., "err_x": .., "pa_mpjpe": .., "pck20": .., ..},
-/// "by_count": {"1": {..}}, "per_joint": [14]}; numbers that do not exist are null.
+/// "by_count": {"1": {..}}, "by_posture": {"low": {..}}, "per_joint": [14]}; numbers that do not exist are null.
 std::string metrics_json(const Metrics& metrics);
 
 }  // namespace csipose

@@ -105,6 +105,24 @@ void print_stances(const std::vector<NamedFigures>& rows, const std::vector<Triv
   for (const TrivialFigures& row : trivial) print_stance(row.name, row.assigned);
 }
 
+/// The model by piw3d; beside it the mean pose at each person's true root.
+void print_postures(const Evaluation& model, const std::vector<TrivialFigures>& trivial) {
+  const Metrics& mean_at_root = std::ranges::find(trivial, "mean_at_root", &TrivialFigures::name)->assigned;
+  fmt::print(
+      "\nby how somebody stands: piw3d, over people (mm, degrees); recall by detect (%)\n"
+      "{:16}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>14}\n",
+      "", "people", "MPJPE", "root", "from it", "PA", "facing", "recall", "mean_at_root");
+  for (std::size_t i = 0; i < kPostures; ++i) {
+    const auto posture = static_cast<Posture>(i);
+    const PostureMetrics group = model.piw3d.by_posture(posture), found = model.detect.by_posture(posture);
+    const PoseErrors& mean = group.person_mean;
+    fmt::print("{:16}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>8}{:>14}\n", name_of(posture), group.people,
+               cell(mean.mpjpe), cell(mean.mrpe), cell(mean.root_mpjpe), cell(mean.pa_mpjpe),
+               cell(mean.facing_deg), cell(percent(found.matched, found.people)),
+               cell(mean_at_root.by_posture(posture).person_mean.mpjpe));
+  }
+}
+
 void print_tables(const std::vector<NamedFigures>& rows, const std::vector<TrivialFigures>& trivial) {
   print_head("detect: score 0.30, pose-NMS, pairs within 0.5 m (mm, %)", Protocol::detect);
   for (const NamedFigures& row : rows) print_row(row.name, row.figures.detect);
@@ -265,6 +283,7 @@ void run_eval(const EvalOptions& options) {
   const std::vector<TrivialFigures> trivial = evaluate_trivial(training, set, model->model_to_room());
   print_tables(rows, trivial);
   print_stances(rows, trivial);
+  print_postures(rows.front().figures, trivial);
   print_reliability(rows);
   print_installations(rows);
   const nlohmann::ordered_json report = report_of(options, *model, *engine, rows, trivial);

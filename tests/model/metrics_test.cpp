@@ -70,6 +70,61 @@ TEST(PoseErrors, AStickFacesNowhere) {
   EXPECT_NEAR(pose_errors(facing({0, 0.5f, 0}), facing({0, 1, 0})).breadth_mm, -150, 1e-3);
 }
 
+/// Who stands upright, z up, arms hanging.
+Skeleton standing_person() {
+  return {{{0, 0, 1.45f},       // neck
+           {0, 0, 1.65f},       // head
+           {-0.2f, 0, 1.4f},    // shoulders
+           {0.2f, 0, 1.4f},     //
+           {-0.22f, 0, 1.1f},   // left elbow
+           {-0.1f, 0, 0.9f},    // left hip
+           {0.22f, 0, 1.1f},    // right elbow
+           {0.1f, 0, 0.9f},     // right hip
+           {-0.22f, 0, 0.85f},  // left hand
+           {-0.1f, 0, 0.5f},    // left knee
+           {0.22f, 0, 0.85f},   // right hand
+           {0.1f, 0, 0.5f},     // right knee
+           {-0.1f, 0, 0.08f},   // ankles
+           {0.1f, 0, 0.08f}}};
+}
+/// Neck, head and arms turned forward (y) about the hips' line.
+Skeleton leaning(Skeleton pose, float degrees) {
+  const float radians = degrees * static_cast<float>(std::numbers::pi) / 180;
+  for (const std::size_t joint : {0, 1, 2, 3, 4, 6, 8, 10}) {
+    const float up = pose[joint].z - 0.9f;
+    pose[joint].y = std::sin(radians) * up, pose[joint].z = 0.9f + std::cos(radians) * up;
+  }
+  return pose;
+}
+
+TEST(PostureOf, FirstThatFits) {
+  const Skeleton upright = standing_person();
+  EXPECT_EQ(posture_of(upright), Posture::upright);
+  EXPECT_EQ(posture_of(leaning(upright, 38)), Posture::upright);
+  EXPECT_EQ(posture_of(leaning(upright, 42)), Posture::bent);
+
+  Skeleton reaching = upright;
+  reaching[10] = {0.3f, 0, 1.44f};  // right hand
+  EXPECT_EQ(posture_of(reaching), Posture::upright) << "not above the neck";
+  reaching[10].z = 1.46f;
+  EXPECT_EQ(posture_of(reaching), Posture::arms_raised);
+  EXPECT_EQ(posture_of(leaning(reaching, 60)), Posture::bent);
+
+  Skeleton sitting = reaching;
+  for (Point3& joint : sitting) joint.z -= 0.4f;
+  for (const std::size_t knee : {9, 11}) sitting[knee] = {sitting[knee].x, 0.4f, 0.5f};
+  for (const std::size_t ankle : {12, 13}) sitting[ankle] = {sitting[ankle].x, 0.4f, 0.08f};
+  EXPECT_EQ(posture_of(sitting), Posture::low) << "0.58 m of legs of 0.82 m";
+}
+
+TEST(PostureOf, IsToldInAnyFrame) {
+  for (const Skeleton& pose : {standing_person(), leaning(standing_person(), 60)}) {
+    Skeleton turned;
+    for (std::size_t j = 0; j < kJoints; ++j) turned[j] = {pose[j].z + 3, -pose[j].x, -pose[j].y};
+    EXPECT_EQ(posture_of(turned), posture_of(pose));
+  }
+}
+
 TEST(PoseErrors, WithinIsInclusive) {
   Skeleton person{};
   person[0].x = 0.25f;
@@ -141,6 +196,22 @@ TEST(Metrics, CountsWhoWasMissedAndWhoWasMadeUp) {
   EXPECT_EQ(all.count_accuracy(), 1);
   EXPECT_EQ(metrics.by_count().at(0).frames, 1u);
   EXPECT_TRUE(nlohmann::json::parse(metrics_json(metrics))["by_count"]["0"]["mpjpe"].is_null());
+}
+
+TEST(Metrics, ByPosture) {
+  Metrics metrics(Protocol::detect);
+  const Skeleton upright = standing_person(), bent = leaning(upright, 60);
+  metrics.add(std::vector{moved(upright, {0.1f, 0, 0})}, std::vector{upright});
+  metrics.add(std::vector{upright}, std::vector{upright, moved(bent, {3, 0, 0})});
+  EXPECT_EQ(metrics.by_posture(Posture::upright).people, 2u);
+  EXPECT_EQ(metrics.by_posture(Posture::upright).matched, 2u);
+  EXPECT_NEAR(metrics.by_posture(Posture::upright).person_mean.mpjpe, 50, 1e-3);
+  EXPECT_EQ(metrics.by_posture(Posture::bent).people, 1u);
+  EXPECT_EQ(metrics.by_posture(Posture::bent).matched, 0u);
+  const auto json = nlohmann::json::parse(metrics_json(metrics))["by_posture"];
+  EXPECT_EQ(json["upright"]["recall"], 1);
+  EXPECT_TRUE(json["bent"]["mpjpe"].is_null());
+  EXPECT_EQ(json["low"]["people"], 0);
 }
 
 std::vector<Skeleton> skeletons(const nlohmann::json& poses) {
