@@ -58,14 +58,29 @@ Sources pretraining_data(const Experiment& row, const ExperimentData& data) {
   return sources;
 }
 
+std::vector<std::uint64_t> all_of(const Pool& pool) {
+  std::vector<std::uint64_t> windows(pool.size());
+  std::iota(windows.begin(), windows.end(), std::uint64_t{0});
+  return windows;
+}
+
 double judge(const fs::path& weights_file, Pool& test) {
   const Weights weights = read_weights(weights_file);
   test.give_for(weights.config);
-  std::vector<std::uint64_t> all(test.size());
-  std::iota(all.begin(), all.end(), std::uint64_t{0});
   const bool bf16 = weights.metadata.at("numerics") == "bf16";
-  return 1000 * oracle_error_m(weights.parameters, weights.config, test, all,
+  return 1000 * oracle_error_m(weights.parameters, weights.config, test, all_of(test),
                                Numerics{bf16 ? at::kBFloat16 : at::kFloat, 0});
+}
+
+/// That of windows from elsewhere for a network that `learnt` is the scaling of: where that knows installations, their backgrounds
+/// are measured on windows without labels, as `csipose model background` does in a room.
+Normalisation scaling_elsewhere(const Normalisation& learnt, Sources unlabelled) {
+  if (learnt.backgrounds.empty()) return learnt;
+  Pool pool(std::move(unlabelled));
+  pool.measure_scaling(all_of(pool), ScaledBy::background);
+  Normalisation scaling = learnt;
+  scaling.backgrounds = pool.scaling().front().backgrounds;
+  return scaling;
 }
 
 void must_finish(const Outcome& outcome) {
@@ -73,9 +88,10 @@ void must_finish(const Outcome& outcome) {
     throw SetupError(ExitStatus::try_again, "stopped; the same command goes on where it stopped");
 }
 
-/// Error in millimetres on data.test of what is learned from the rest.
+/// Error in millimetres on data.test of what is learned from the rest. elsewhere: windows of the environment to be judged in, where
+/// nothing was learned in it.
 double learn_and_judge(const Experiment& row, const RunSettings& shared, const ExperimentData& data,
-                       const fs::path& folder) {
+                       const fs::path& folder, Sources elsewhere = {}) {
   RunSettings settings = shared;
   settings.pretrain.mask = row.mask;
   settings.network.flat_tokens = row.flat_tokens;
@@ -91,7 +107,8 @@ double learn_and_judge(const Experiment& row, const RunSettings& shared, const E
   Pool pool(std::move(labelled)), judged(std::move(test));
   settings.run.out = folder / "finetune";
   must_finish(finetune(settings, pool, Workers()));
-  judged.set_scaling(pool.scaling().front());
+  const Normalisation& learnt = pool.scaling().front();
+  judged.set_scaling(elsewhere.empty() ? learnt : scaling_elsewhere(learnt, std::move(elsewhere)));
   return judge(folder / "finetune" / "best.safetensors", judged);
 }
 
@@ -109,7 +126,10 @@ std::vector<double> leave_each_out(const Experiment& row, const RunSettings& set
     ExperimentData rest = data;
     rest.real.erase(rest.real.begin() + static_cast<std::ptrdiff_t>(out));
     rest.test = {data.test[out]};
-    errors_mm.push_back(learn_and_judge(row, settings, rest, folder / fmt::format("without-{}", out)));
+    Sources elsewhere;
+    open_into(elsewhere, {data.real[out]}, 1, row.id, "--data");
+    errors_mm.push_back(
+        learn_and_judge(row, settings, rest, folder / fmt::format("without-{}", out), std::move(elsewhere)));
   }
   return errors_mm;
 }

@@ -109,6 +109,22 @@ TEST_F(Experiments, LeaveEachEnvironmentOutInTurn) {
         << out;
 }
 
+// Of the environment that is left out nothing is learnt but, where backgrounds are taken off, its own background.
+TEST_F(Experiments, TheEnvironmentLeftOutTellsItsBackgroundAndNothingElse) {
+  data_.test.push_back(folder("there-test", 20, 6));
+  data_.objects = {folder("objects", 40, 7)};
+  const auto error_there_mm = [&](const std::string& norm, const std::string& there) {
+    settings_.data.norm = norm;
+    settings_.run.out = scratch_ / (norm + " " + fs::path(there).filename().string());
+    ExperimentData data = data_;
+    data.real.push_back(there);
+    return run_experiment(experiment_named("T2a"), settings_, data, {0})[0].environments_mm[1];
+  };
+  const std::string there = folder("there", 40, 5), somewhere = folder("somewhere", 40, 8);
+  EXPECT_EQ(error_there_mm("corpus", there), error_there_mm("corpus", somewhere));
+  EXPECT_NE(error_there_mm("background", there), error_there_mm("background", somewhere));
+}
+
 TEST_F(Experiments, RefuseRowsThatThereAreNotAndDataThatIsMissing) {
   EXPECT_THROW(experiment_named("T9"), SetupError);
   EXPECT_THROW(run("T5b", {0}), SetupError) << "no --objects";
