@@ -4,21 +4,13 @@
 #include <cassert>
 #include <cmath>
 
+#include "proto/pose_geometry.h"
+
 namespace csipose {
 namespace {
 
 double ratio(double part, std::uint64_t whole) {
   return whole == 0 ? kUnknown : part / static_cast<double>(whole);
-}
-
-/// NaN when either has a joint that is not known.
-double mean_joint_distance_m(const Skeleton& a, const Skeleton& b) {
-  double sum = 0;
-  for (std::size_t j = 0; j < kJoints; ++j) {
-    const double x = a[j].x - b[j].x, y = a[j].y - b[j].y, z = a[j].z - b[j].z;
-    sum += std::sqrt(x * x + y * y + z * z);  // std::hypot of three forgets a NaN beside two zeros
-  }
-  return sum / kJoints;
 }
 
 void add_to(ErrorSums& sums, const FrameError& frame) {

@@ -5,6 +5,8 @@
 #include <cassert>
 #include <cmath>
 
+#include "proto/pose_geometry.h"
+
 namespace csipose {
 namespace {
 
@@ -26,7 +28,7 @@ Skeleton skeleton_of(std::span<const float> pose, const RoomTransform& model_to_
 
 bool is_double(const Skeleton& joints, std::span<const Person> better, float nms_distance_m) {
   return std::any_of(better.begin(), better.end(), [&](const Person& other) {
-    return mean_joint_distance_m(joints, other.joints) < nms_distance_m;
+    return mean_joint_distance_m(joints, other.joints) < static_cast<double>(nms_distance_m);
   });
 }
 
@@ -94,13 +96,6 @@ float joint_confidence(float expected_m, const Calibration& calibration) {
 Point3 to_room(const RoomTransform& m, const float* p) {
   const auto row = [&](std::size_t r) { return m[r][0] * p[0] + m[r][1] * p[1] + m[r][2] * p[2] + m[r][3]; };
   return {row(0), row(1), row(2)};
-}
-
-float mean_joint_distance_m(const Skeleton& a, const Skeleton& b) {
-  float sum = 0;
-  for (std::size_t j = 0; j < kJoints; ++j)
-    sum += std::hypot(a[j].x - b[j].x, a[j].y - b[j].y, a[j].z - b[j].z);
-  return sum / static_cast<float>(kJoints);
 }
 
 Selected select_people(const NetworkOutput& output, const Model& model, const Selection& selection,

@@ -24,8 +24,6 @@ float expected_error_m(float sigma_m, std::size_t joint, const Calibration& cali
 float joint_confidence(float expected_m, const Calibration& calibration);
 /// A point of the label frame in the room.
 Point3 to_room(const RoomTransform& model_to_room, const float* label_xyz_m);
-/// Mean distance between the joints of two poses, metres.
-float mean_joint_distance_m(const Skeleton& a, const Skeleton& b);
 
 struct Selection {
   std::size_t max_people = 5;

@@ -20,24 +20,42 @@ struct Point3 {
 };
 using Skeleton = std::array<Point3, kJoints>;
 
+/// Places in a skeleton.
+enum Joint : std::size_t {
+  kNeck,
+  kHead,
+  kLeftShoulder,
+  kRightShoulder,
+  kLeftElbow,
+  kLeftHip,
+  kRightElbow,
+  kRightHip,
+  kLeftHand,
+  kLeftKnee,
+  kRightHand,
+  kRightKnee,
+  kLeftAnkle,
+  kRightAnkle
+};
 inline constexpr std::array<std::string_view, kJoints> kJointNames = {
     "neck",      "head",      "left_shoulder", "right_shoulder", "left_elbow", "left_hip",   "right_elbow",
     "right_hip", "left_hand", "left_knee",     "right_hand",     "right_knee", "left_ankle", "right_ankle"};
-inline constexpr std::array<std::array<std::uint8_t, 2>, 14> kBones = {{{0, 1},
-                                                                        {0, 2},
-                                                                        {0, 3},
-                                                                        {2, 4},
-                                                                        {4, 8},
-                                                                        {3, 6},
-                                                                        {6, 10},
-                                                                        {2, 5},
-                                                                        {3, 7},
-                                                                        {5, 7},
-                                                                        {5, 9},
-                                                                        {9, 12},
-                                                                        {7, 11},
-                                                                        {11, 13}}};
-inline constexpr std::size_t kLeftShoulder = 2, kRightShoulder = 3, kLeftHip = 5, kRightHip = 7;
+inline constexpr std::array<std::array<std::uint8_t, 2>, 14> kBones = {{
+    {kNeck, kHead},
+    {kNeck, kLeftShoulder},
+    {kNeck, kRightShoulder},
+    {kLeftShoulder, kLeftElbow},
+    {kLeftElbow, kLeftHand},
+    {kRightShoulder, kRightElbow},
+    {kRightElbow, kRightHand},
+    {kLeftShoulder, kLeftHip},
+    {kRightShoulder, kRightHip},
+    {kLeftHip, kRightHip},
+    {kLeftHip, kLeftKnee},
+    {kLeftKnee, kLeftAnkle},
+    {kRightHip, kRightKnee},
+    {kRightKnee, kRightAnkle},
+}};
 
 /// Between the hips.
 inline Point3 root_of(const Skeleton& joints) {

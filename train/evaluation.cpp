@@ -10,6 +10,7 @@
 
 #include "model/installation_finder.h"
 #include "model/pose_estimator.h"
+#include "proto/pose_geometry.h"
 #include "proto/result.h"
 #include "train/window_folder.h"
 

@@ -5,22 +5,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "proto/pose_geometry.h"
 #include "proto/window.h"
 
 namespace csipose::train {
 namespace {
-
-enum Joint : std::size_t {
-  neck = 0,
-  left_shoulder = 2,
-  right_shoulder = 3,
-  left_hip = 5,
-  right_hip = 7,
-  left_knee = 9,
-  right_knee = 11,
-  left_ankle = 12,
-  right_ankle = 13
-};
 
 /// Means over the published set's training labels.
 /// source: model.md of the specification, section 15.
@@ -28,17 +17,19 @@ struct PublishedLength {
   std::size_t joint, other;
   double mean_m;
 };
-constexpr PublishedLength kPublished[] = {{0, 1, .079}, {2, 3, .322}, {2, 4, .269},  {4, 8, .293},
-                                          {5, 7, .169}, {3, 5, .523}, {11, 13, .370}};
+constexpr PublishedLength kPublished[] = {
+    {kNeck, kHead, .079},
+    {kLeftShoulder, kRightShoulder, .322},
+    {kLeftShoulder, kLeftElbow, .269},
+    {kLeftElbow, kLeftHand, .293},
+    {kLeftHip, kRightHip, .169},
+    {kRightShoulder, kLeftHip, .523},
+    {kRightKnee, kRightAnkle, .370},
+};
 
 constexpr float kBent_m = 0.05f;
 /// A share of n people as near to one half as this tells nothing: three standard deviations, and never less than 0.1.
 double undecided(std::size_t n) { return std::max(0.1, 1.5 / std::sqrt(static_cast<double>(n))); }
-
-double distance_m(const Point3& a, const Point3& b) {
-  return std::hypot(static_cast<double>(a.x - b.x), static_cast<double>(a.y - b.y),
-                    static_cast<double>(a.z - b.z));
-}
 
 /// How far the knee stands out from the middle of hip and ankle.
 Point3 knee_out(const Skeleton& p, Joint hip, Joint knee, Joint ankle) {
@@ -86,14 +77,14 @@ void Profile::add_person(const Skeleton& person) {
   for (std::size_t a = 0; a < kJoints; ++a)
     for (std::size_t b = 0; b < kJoints; ++b) length_sum_m_[a][b] += distance_m(person[a], person[b]);
   neck_over_ankles_m_ +=
-      static_cast<double>(person[neck].z - (person[left_ankle].z + person[right_ankle].z) / 2);
+      static_cast<double>(person[kNeck].z - (person[kLeftAnkle].z + person[kRightAnkle].z) / 2);
 
   // left . (up x forward) with up = (0, 0, 1): turning axis 2 over changes neither of the level coordinates.
-  const Point3 one = knee_out(person, left_hip, left_knee, left_ankle);
-  const Point3 other = knee_out(person, right_hip, right_knee, right_ankle);
+  const Point3 one = knee_out(person, kLeftHip, kLeftKnee, kLeftAnkle);
+  const Point3 other = knee_out(person, kRightHip, kRightKnee, kRightAnkle);
   const float forward_x = one.x + other.x, forward_y = one.y + other.y;
-  const float left_x = person[left_shoulder].x - person[right_shoulder].x;
-  const float left_y = person[left_shoulder].y - person[right_shoulder].y;
+  const float left_x = person[kLeftShoulder].x - person[kRightShoulder].x;
+  const float left_y = person[kLeftShoulder].y - person[kRightShoulder].y;
   const bool left = left_y * forward_x - left_x * forward_y > 0;
   const bool bent = std::hypot(forward_x, forward_y) >= kBent_m;
   left_ += left;
