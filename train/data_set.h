@@ -39,7 +39,8 @@ struct SetAbout {
   std::string kind;  ///< "simulated", "published", "recording"; "windows": a folder that does not tell
   bool labelled = false;
   std::map<std::uint8_t, std::string> rooms;  ///< names by number, as far as there are names
-  std::size_t samples = kSamples;  ///< that it keeps of a window; where fewer, its windows repeat them
+  std::size_t samples =
+      kSamples;  ///< that it keeps of a window; where fewer, each stands for its part of a window
 
   std::string room_name(std::uint8_t room) const;
 };

@@ -85,9 +85,18 @@ std::vector<std::size_t> choose(std::size_t count, std::size_t of, SeededRandom&
   return all;
 }
 
-/// Tokens of these samples and links, ascending.
-TokenList tokens_of(std::vector<std::size_t> samples, const LinkSet& links) {
-  std::sort(samples.begin(), samples.end());
+/// One of each of `count` equal parts of the numbers below `of`, ascending.
+std::vector<std::size_t> choose_spread(std::size_t count, std::size_t of, SeededRandom& random) {
+  std::vector<std::size_t> one_each;
+  for (std::size_t i = 0; i < count; ++i) {
+    const std::size_t from = i * of / count, to = (i + 1) * of / count;
+    one_each.push_back(from + random.index(to - from));
+  }
+  return one_each;
+}
+
+/// Tokens of these samples and links, ascending as the samples are.
+TokenList tokens_of(const std::vector<std::size_t>& samples, const LinkSet& links) {
   TokenList tokens;
   for (const std::size_t t : samples)
     for (std::size_t l = 0; l < kLinks; ++l)
@@ -331,7 +340,7 @@ void require_whole_windows(const RunSettings& settings) {
                      "lose_two_receivers and lose_links = 0");
 }
 
-/// A window that repeats few samples is as good as a whole one only where no step takes more of them.
+/// A window that holds few samples for long is as good as a whole one only where no step takes more of them.
 void require_samples(const RunSettings& settings, const Pool& pool) {
   if (settings.finetune.all_samples_from < 1)
     pool.require_samples(kSamples, "finetune.all_samples_from below 1");
@@ -379,7 +388,7 @@ at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
     for (const std::size_t receiver : choose(failure.receivers, kReceivers, random))
       for (std::size_t a = 0; a < kAntennas; ++a) links.reset(receiver * kAntennas + a);
     for (const std::size_t link : choose(failure.links, kLinks, random)) links.reset(link);
-    const TokenList left = tokens_of(choose(samples, kSamples, random), links);
+    const TokenList left = tokens_of(choose_spread(samples, kSamples, random), links);
     tokens.insert(tokens.end(), left.begin(), left.end());
   }
   return at::tensor(tokens, at::kLong).view({static_cast<std::int64_t>(windows.size()), -1});

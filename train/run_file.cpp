@@ -245,8 +245,9 @@ const std::vector<Key>& keys() {
        1,
        20,
        {},
-       "so many of a window's 20 samples, others in each window and epoch, are encoded at first: steps cost "
-       "less"},
+       "so many of a window's 20 samples, one of each part of it, others in each window and epoch, are "
+       "encoded at "
+       "first: steps cost less"},
       {"finetune.all_samples_from",
        FIELD(finetune.all_samples_from),
        0,

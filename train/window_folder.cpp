@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -48,6 +49,9 @@ class WindowFolder : public WindowSource {
   std::size_t samples() const override { return samples_; }
   void read(std::size_t i, std::span<float> x) const override {
     const std::size_t kept = samples_ * kLinks, row = kSamples * kLinks;
+    const auto held = [&](std::size_t t) {
+      return t * samples_ / kSamples;
+    };  // each for its part of the window
     for (std::size_t c = 0; c < kChannels; ++c) {
       const std::span<float> channel = x.subspan(c * row, row);
       std::memcpy(channel.data(), numbers_.data() + (i * kChannels + c) * kept * sizeof(float),
@@ -55,7 +59,8 @@ class WindowFolder : public WindowSource {
       for (const float value : channel.first(kept))
         if (!std::isfinite(value))
           refuse(folder_ / "windows.npy", fmt::format("window {} holds a number that is not finite", i));
-      for (std::size_t at = kept; at < row; ++at) channel[at] = channel[at - kept];
+      for (std::size_t t = kSamples; t-- > 0;)  // from the end: what is still to be copied lies before it
+        std::copy_n(channel.begin() + held(t) * kLinks, kLinks, channel.begin() + t * kLinks);
     }
   }
   std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }

@@ -1,7 +1,7 @@
 // train/window_folder.h - a folder of finished windows, the form in which training reads data sets fastest.
 //
 //   windows.npy   float32 (n, 60, T, 9): the first T samples of Window::x of each window, not normalised. T is 20, less only
-//                 where the set has fewer snapshots of a scene; a window repeats them
+//                 where the set has fewer snapshots of a scene; each then stands for its T-th part of the window
 //   clip.npy      uint32 (n): windows of one clip are held out together
 //   labels.npy    float32 (n, P, 14, 3), where there are labels: joints of up to P people in metres in the label frame;
 //                 not a number where nobody is

@@ -16,7 +16,7 @@ class WindowSource {
   virtual ~WindowSource() = default;
   virtual std::size_t size() const = 0;
   virtual std::string name() const = 0;
-  /// Snapshots that it keeps of a window; where they are fewer than kSamples, read() repeats them.
+  /// Snapshots that it keeps of a window; where they are fewer than kSamples, read() holds each for its part of the window.
   virtual std::size_t samples() const { return kSamples; }
   /// Writes window i as Window::x, [60][20][9], not normalised.
   virtual void read(std::size_t i, std::span<float> x) const = 0;

@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using csipose::testing::MadeUpSet;
 
-/// Windows of one snapshot, repeated.
+/// Windows of one snapshot, held.
 class Instants final : public MadeUpSet {
  public:
   explicit Instants(std::size_t windows) : MadeUpSet(windows, 1, 1) {}
@@ -278,7 +278,10 @@ TEST_F(Runs, StepsSeeAFewSamplesAtFirstAndAllInTheEnd) {
         EXPECT_GT(token, early[w][i - 1].item<std::int64_t>());
       }
     }
-    EXPECT_EQ(samples.size(), 5u);
+    ASSERT_EQ(samples.size(), 5u);
+    std::int64_t fifth = 0;
+    for (const std::int64_t sample : samples)
+      EXPECT_EQ(sample / 4, fifth++) << "one of each part of the window";
   }
   EXPECT_FALSE(early[0].equal(early[1]));
   EXPECT_TRUE(early.equal(surviving_tokens(settings_, {49, 100, 3}, windows)));  // by epoch and window alone

@@ -160,7 +160,7 @@ TEST_F(SimulatedSet, HalvesAndComplexNumbersAreTheSameChannel) {
   for (std::size_t row = 0; row < kRows; ++row) EXPECT_EQ(window(*one, row), window(*other, row));
 }
 
-TEST_F(SimulatedSet, FewSnapshotsOfASceneAreRepeatedToAWindow) {
+TEST_F(SimulatedSet, FewSnapshotsOfASceneAreEachHeldForTheirPartOfAWindow) {
   constexpr std::size_t kFew = 3;
   write();
   std::vector<std::int8_t> few;
@@ -179,11 +179,11 @@ TEST_F(SimulatedSet, FewSnapshotsOfASceneAreRepeatedToAWindow) {
   const auto source = open_window_folder(folder_ / "out");
   EXPECT_EQ(source->samples(), kFew);
   for (const std::size_t row : {0u, 4u})
-    for (const std::size_t t : {0u, 2u, 3u, 19u})
+    for (const auto& [t, snapshot] : {std::pair{0u, 0u}, {6u, 0u}, {7u, 1u}, {13u, 1u}, {14u, 2u}, {19u, 2u}})
       for (std::size_t r = 0; r < kReceivers; ++r)
-        expect_sample(window(*source, row), t, r, csi(row, t % kFew, r));
-  expect_sample(window(*source, 1), 1, 2, csi(1, 0, 2));  // filled
-  expect_sample(window(*source, 1), 4, 2, csi(1, 0, 2));
+        expect_sample(window(*source, row), t, r, csi(row, snapshot, r));
+  expect_sample(window(*source, 1), 7, 2, csi(1, 0, 2));  // filled
+  expect_sample(window(*source, 1), 14, 2, csi(1, 2, 2));
   // Parts and copies keep as many.
   (void)split({folder_ / "out", folder_ / "parts", SplitBy::window, 0.5, 1, {}}, [](const std::string&) {});
   const auto part = open_window_folder(folder_ / "parts" / "drawn");
