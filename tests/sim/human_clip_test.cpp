@@ -61,6 +61,40 @@ TEST(HumanClip, HalfPrecisionIsTheChannelOverItsRms) {
   EXPECT_LT(largest, 4e-3) << "values up to 8 times the rms";
 }
 
+// Far apart or not, snapshots of the same people at the same instants have the same channel; what the fast solver interpolates is small.
+TEST(HumanClip, FewSnapshotsSpreadOverAFrameAreItsInstants) {
+  constexpr std::uint32_t kClips = 12;
+  constexpr std::size_t kSpread = 4, kEvery = kSamples / kSpread;
+  const FastSolver solver(HumanScene(clip_in("office", 1, 1).spec, 3, 0, 300).still());
+  std::vector<std::vector<float>> dense, spread;
+  for (std::uint32_t number = 0; number < kClips; ++number) {
+    HumanClip clip = clip_in("office", 1, 1);
+    clip.number = number;
+    clip.solver = &solver;
+    const ClipRows all = make_human_clip(clip, {Storage::channel}, {}, 3, 300),
+                   few = make_human_clip(clip, {Storage::channel, kSpread}, {}, 3, 60);
+    dense.push_back(numbers<float>(all[1]));
+    spread.push_back(numbers<float>(few[1]));
+    const auto label = numbers<float>(all[2]), few_label = numbers<float>(few[2]);
+    for (std::size_t i = 0; i < kJoints * 3; ++i) ASSERT_NEAR(few_label[i], label[i], 1e-6);
+  }
+  const std::size_t row = dense[0].size() / kSamples;
+  ASSERT_EQ(spread[0].size(), kSpread * row);
+  double off = 0, people = 0;  // squares: beside what people add to the mean of the clips
+  for (std::size_t t = 0; t < kSpread; ++t)
+    for (std::size_t i = 0; i < row; ++i) {
+      double mean = 0;
+      for (const auto& h : dense) mean += double{h[t * kEvery * row + i]} / kClips;
+      for (std::uint32_t clip = 0; clip < kClips; ++clip) {
+        const double there = double{dense[clip][t * kEvery * row + i]};
+        off += std::pow(double{spread[clip][t * row + i]} - there, 2);
+        people += std::pow(there - mean, 2);
+      }
+    }
+  EXPECT_LT(std::sqrt(off / people), 0.02);
+  EXPECT_GT(people, 0);
+}
+
 TEST(HumanScene, FurnitureAndChairsStandStill) {
   HumanSpec spec = clip_in("office", 1, 1).spec;
   spec.allowed = {Action::sit};
