@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <new>
+#include <ranges>
 #include <utility>
 
 #include "proto/result.h"
@@ -19,8 +20,6 @@ using dnnl::memory;
 using Tag = memory::format_tag;
 
 constexpr std::size_t kAlignment = 64;
-/// Any row count gives the same layout of packed weights; prepare() asserts it.
-constexpr std::size_t kRowsForLayout = 180;
 
 memory::data_type type_of(Element element) {
   switch (element) {
@@ -125,7 +124,8 @@ Linear::Linear(OneDnnContext& context, const LinearWeights& weights, const Linea
       plan_(plan),
       name_(std::move(name)),
       inputs_(weights.inputs()),
-      outputs_(weights.outputs()) {
+      outputs_(weights.outputs()),
+      weights_(weights) {
   assert(weights.weight.size() == inputs_ * outputs_);
   assert(plan.destination == Element::f32 || plan.epilogue != Epilogue::add);
   if (plan_.source == Element::s8)
@@ -133,7 +133,7 @@ Linear::Linear(OneDnnContext& context, const LinearWeights& weights, const Linea
       const float most = largest_magnitude(&weights.weight[o * inputs_], inputs_);
       output_scales_.push_back(plan_.source_scale * (most > 0 ? most / 127 : 1.f));
     }
-  pack(weights.weight, weights.bias, describe(/*rows=*/kRowsForLayout).weights_desc());
+  store_bias();
 }
 
 dnnl::primitive_attr Linear::attributes() const {
@@ -176,26 +176,36 @@ dnnl::matmul::primitive_desc Linear::describe(std::size_t rows) const try {
           name_, to_string(context_->cpu()), error.what()));
 }
 
-/// The weight is stored (outputs, inputs); the library transposes, converts and packs it. For int8 it is
-/// brought to its 255 steps here, and the bias is divided by the scales, for the library multiplies
-/// accumulator plus bias by them.
-void Linear::pack(std::span<const float> weight, std::span<const float> bias, const memory::desc& layout) {
-  std::vector<float> scaled_bias(bias.begin(), bias.end());
-  const memory::dims shape = {dim(inputs_), dim(outputs_)};
-  std::vector<float> whole(weight.begin(), weight.end());
-  if (plan_.source == Element::s8)
-    for (std::size_t o = 0; o < outputs_; ++o) {
-      const float step = output_scales_[o] / plan_.source_scale;
-      for (std::size_t i = 0; i < inputs_; ++i)
-        whole[o * inputs_ + i] = std::nearbyint(whole[o * inputs_ + i] / step);
-      scaled_bias[o] /= output_scales_[o];
-    }
-  memory plain({shape, memory::data_type::f32, Tag::ba}, context_->engine(), whole.data());
-  packed_weight_ = memory(layout, context_->engine());
-  dnnl::reorder(plain, packed_weight_).execute(context_->stream(), plain, packed_weight_);
-  bias_ = memory(dense(1, outputs_, Element::f32), context_->engine());
-  std::memcpy(bias_.get_data_handle(), scaled_bias.data(), outputs_ * sizeof(float));
+/// The weight as numbers of its format: for int8 brought to its 255 steps.
+std::vector<float> Linear::steps() const {
+  std::vector<float> whole(weights_.weight.begin(), weights_.weight.end());
+  for (std::size_t o = 0; o < output_scales_.size(); ++o) {
+    const float step = output_scales_[o] / plan_.source_scale;
+    for (std::size_t i = 0; i < inputs_; ++i)
+      whole[o * inputs_ + i] = std::nearbyint(whole[o * inputs_ + i] / step);
+  }
+  return whole;
+}
+
+/// The weight is stored (outputs, inputs); the library transposes, converts and packs it.
+const memory& Linear::packed(const memory::desc& layout) {
+  const auto found = std::ranges::find_if(packed_, [&](const memory& it) { return it.get_desc() == layout; });
+  if (found != packed_.end()) return *found;
+  std::vector<float> whole = steps();
+  memory plain({{dim(inputs_), dim(outputs_)}, memory::data_type::f32, Tag::ba}, context_->engine(),
+               whole.data());
+  packed_.emplace_back(layout, context_->engine());
+  dnnl::reorder(plain, packed_.back()).execute(context_->stream(), plain, packed_.back());
   context_->stream().wait();
+  return packed_.back();
+}
+
+/// For int8 it is divided by the scales, for the library multiplies accumulator plus bias by them.
+void Linear::store_bias() {
+  bias_ = memory(dense(1, outputs_, Element::f32), context_->engine());
+  auto* numbers = static_cast<float*>(bias_.get_data_handle());
+  std::ranges::copy(weights_.bias, numbers);
+  for (std::size_t o = 0; o < output_scales_.size(); ++o) numbers[o] /= output_scales_[o];
 }
 
 void Linear::prepare(std::size_t rows) {
@@ -204,12 +214,11 @@ void Linear::prepare(std::size_t rows) {
   implementation_ = description.impl_info_str();
   context_->note_implementation(implementation_, name_);
   context_->need_scratch(description.scratchpad_desc().get_size());
-  assert(description.weights_desc() == packed_weight_.get_desc());
   PreparedPrimitive step;
   step.primitive = dnnl::matmul(description);
   const dnnl::engine& engine = context_->engine();
   step.arguments = {{DNNL_ARG_SRC, memory(description.src_desc(), engine, nullptr)},
-                    {DNNL_ARG_WEIGHTS, packed_weight_},
+                    {DNNL_ARG_WEIGHTS, packed(description.weights_desc())},
                     {DNNL_ARG_BIAS, bias_},
                     {DNNL_ARG_DST, memory(description.dst_desc(), engine, nullptr)},
                     {DNNL_ARG_SCRATCHPAD, memory(description.scratchpad_desc(), engine, nullptr)}};

@@ -111,7 +111,8 @@ struct LinearWeights {
   std::size_t outputs() const { return bias.size(); }
 };
 
-/// y = x W^T + b. x [rows][inputs] dense in plan.source, y [rows][outputs] dense in plan.destination.
+/// y = x W^T + b. x [rows][inputs] dense in plan.source, y [rows][outputs] dense in plan.destination. What `weights` names must
+/// stay for as long as prepare() is called.
 class Linear {
  public:
   Linear(OneDnnContext& context, const LinearWeights& weights, const LinearPlan& plan, std::string name);
@@ -125,14 +126,19 @@ class Linear {
  private:
   dnnl::matmul::primitive_desc describe(std::size_t rows) const;
   dnnl::primitive_attr attributes() const;
-  void pack(std::span<const float> weight, std::span<const float> bias, const dnnl::memory::desc& layout);
+  /// The weight in this layout: for few rows the library may want another than for many.
+  const dnnl::memory& packed(const dnnl::memory::desc& layout);
+  std::vector<float> steps() const;
+  void store_bias();
 
   OneDnnContext* context_;
   LinearPlan plan_;
   std::string name_, implementation_;
   std::size_t inputs_, outputs_;
+  LinearWeights weights_;
   std::vector<float> output_scales_;  ///< s8 only: input_scale * weight_scale per column
-  dnnl::memory packed_weight_, bias_;
+  std::vector<dnnl::memory> packed_;
+  dnnl::memory bias_;
   std::map<std::size_t, PreparedPrimitive> by_rows_;
 };
 
