@@ -155,7 +155,7 @@ void bench(const Options& options, const std::string& preset, const std::shared_
   const WindowTensor x = window_of(options, *model);
   const LinkSet links(0b111111111u >> kAntennas * static_cast<unsigned>(options.absent_receivers));
   if (!options.json) fmt::print("{}: {}\n", preset, engine.describe());
-  ProductsOnly products(model->config(), precision, threads, kSamples * links.count());
+  ProductsOnly products(model->config(), precision, threads, model->config().token_count(links));
   print(options, preset, precision, threads, "bound", measure(options, [&] { products.run(); }));
   print(options, preset, precision, threads, "encoder",
         measure(options, [&] { engine.run_encoder(x, links); }));

@@ -47,10 +47,11 @@ struct SwitchField {
   bool NetworkConfig::*member;
   bool since_later = false;  ///< older files do not have it and mean false; nor is false written
 };
-constexpr std::array<SwitchField, 5> kSwitches = {
+constexpr std::array<SwitchField, 6> kSwitches = {
     {{"identity_conditioning", &NetworkConfig::identity_conditioning},
      {"query_conditioning", &NetworkConfig::query_conditioning, true},
      {"background_conditioning", &NetworkConfig::background_conditioning, true},
+     {"receiver_tokens", &NetworkConfig::receiver_tokens, true},
      {"flat_tokens", &NetworkConfig::flat_tokens, true},
      {"joint_sigma", &NetworkConfig::joint_sigma}}};
 
@@ -87,6 +88,8 @@ void check_together(const NetworkConfig& config) {
     refuse("config has 'identity_conditioning' but no refinement layer");
   if (config.flat_tokens && config.background_conditioning)
     refuse("config has 'flat_tokens' and 'background_conditioning': a patch is of no one link");
+  if (config.flat_tokens && config.receiver_tokens)
+    refuse("config has 'flat_tokens' and 'receiver_tokens': a token is one or the other");
   if (config.joint_sigma && !config.identity_conditioning)
     refuse(
         "config has 'joint_sigma' without 'identity_conditioning': all people would get the same expected "
@@ -175,6 +178,19 @@ void add_refinement(TensorList& list, const NetworkConfig& c) {
 }
 
 }  // namespace
+
+std::vector<std::size_t> NetworkConfig::tokens_there(LinkSet links) const {
+  std::vector<std::size_t> tokens;
+  for (std::size_t token = 0; token < token_grid().size(); ++token)
+    if (has_token(token, links)) tokens.push_back(token);
+  return tokens;
+}
+
+std::size_t NetworkConfig::token_count(LinkSet links) const {
+  std::size_t columns = 0;
+  for (std::size_t column = 0; column < token_grid().columns; ++column) columns += has_token(column, links);
+  return kSamples * columns;
+}
 
 std::vector<std::string_view> preset_names() {
   std::vector<std::string_view> names;

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "proto/shape.h"
+#include "proto/window.h"
 
 namespace csipose {
 
@@ -21,6 +22,8 @@ struct TokenGrid {
   std::size_t size() const { return rows * columns; }
   bool operator==(const TokenGrid&) const = default;
 };
+/// Receiver tokens: the three links of a receiver, of one sample, in one.
+inline constexpr TokenGrid kReceiverGrid = {kSamples, kReceivers};
 /// Flat tokens: patches of 6 by 6 of the window as an image of 60 channels by 180 columns l * 20 + t.
 inline constexpr std::size_t kPatch = 6;
 inline constexpr TokenGrid kFlatGrid = {kChannels / kPatch, kTokens / kPatch};
@@ -42,16 +45,32 @@ struct NetworkConfig {
   bool query_conditioning = false;  ///< queries see the poses they begin from; off in parity with the paper
   /// Tokens also say how much people move their link's channels in this installation; off in parity with the paper.
   bool background_conditioning = false;
+  /// One token for each sample and receiver, its links side by side, in the place of one for each link: what an angle of arrival
+  /// is read from, how a response differs between antennas, is then within a token. Off in parity with the paper.
+  bool receiver_tokens = false;
   /// Flat tokens in the place of one for each sample and link, for comparisons: training computes them, no engine does.
   bool flat_tokens = false;
   bool joint_sigma = false;  ///< has the head for the expected error per joint
 
-  /// Numbers of a token: its channels, and with background_conditioning as many of its installation; or a patch.
+  /// Numbers of a link in its token: its channels, and with background_conditioning as many of its installation.
+  std::size_t link_numbers() const { return background_conditioning ? 2 * kChannels : kChannels; }
+  /// Numbers of a token: those of its link, or of its receiver's three; or a patch.
   std::size_t token_numbers() const {
     if (flat_tokens) return kPatch * kPatch;
-    return background_conditioning ? 2 * kChannels : kChannels;
+    return receiver_tokens ? kAntennas * link_numbers() : link_numbers();
   }
-  TokenGrid token_grid() const { return flat_tokens ? kFlatGrid : TokenGrid{}; }
+  TokenGrid token_grid() const {
+    if (flat_tokens) return kFlatGrid;
+    return receiver_tokens ? kReceiverGrid : TokenGrid{};
+  }
+  /// Is it there in a window with these links: its link, or one of its receiver's? Not of flat tokens.
+  bool has_token(std::size_t token, LinkSet links) const {
+    if (!receiver_tokens) return links[token % kLinks];
+    return (links >> token % kReceivers * kAntennas & LinkSet(0b111)).any();
+  }
+  /// All that are, ascending; how many.
+  std::vector<std::size_t> tokens_there(LinkSet links) const;
+  std::size_t token_count(LinkSet links) const;
 
   bool operator==(const NetworkConfig&) const = default;
 };

@@ -182,7 +182,7 @@ std::vector<std::string> stage_names(const NetworkConfig& config) {
 }
 
 std::vector<std::size_t> stage_shape(const NetworkConfig& config, LinkSet links, const std::string& stage) {
-  const std::size_t tokens = kSamples * links.count(), queries = std::min(config.queries, tokens);
+  const std::size_t tokens = config.token_count(links), queries = std::min(config.queries, tokens);
   if (stage == "memory") return {tokens, config.decoder_dim};
   if (stage == "enc_cls") return {tokens, 1};
   if (stage == "enc_kpt") return {tokens, kPoseWidth};

@@ -175,12 +175,13 @@ std::array<float, kElements> mobility(const Background& background) {
   return out;
 }
 
-void write_tokens(const Normalisation& normalisation, const Background* background, std::span<const float> x,
-                  LinkSet links, std::span<float> tokens) {
+void write_tokens(const NetworkConfig& config, const Normalisation& normalisation,
+                  const Background* background, std::span<const float> x, LinkSet links,
+                  std::span<float> tokens) {
   const std::size_t numbers = tokens.size() / kSamples;  // of a sample
-  const bool conditioned = numbers == 2 * kChannels * links.count();
-  assert(conditioned || numbers == kChannels * links.count());
-  const Sample moves = conditioned && background != nullptr ? mobility(*background) : Sample{};
+  assert(tokens.size() == config.token_count(links) * config.token_numbers());
+  const bool told = config.background_conditioning;
+  const Sample moves = told && background != nullptr ? mobility(*background) : Sample{};
   Sample before{};
   for (std::size_t t = 0; t < kSamples; ++t) {
     const Sample sample = sample_of(x, t);
@@ -191,9 +192,14 @@ void write_tokens(const Normalisation& normalisation, const Background* backgrou
     }
     const Sample given = scaled(normalisation, background, sample, links);
     for (std::size_t link = 0; link < kLinks; ++link) {
-      if (!links[link]) continue;
+      if (!links[link]) {
+        const LinkSet receiver = LinkSet(0b111) << link / kAntennas * kAntennas;
+        if (config.receiver_tokens && (links & receiver).any())
+          token = std::fill_n(token, config.link_numbers(), 0.f);
+        continue;
+      }
       for (std::size_t e = link; e < kElements; e += kLinks) *token++ = given[e];
-      if (!conditioned) continue;
+      if (!told) continue;
       for (std::size_t e = link; e < kElements; e += kLinks) *token++ = moves[e];
     }
     before = sample;

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "model/config.h"
 #include "proto/window.h"
 
 namespace csipose {
@@ -85,10 +86,11 @@ NearestBackground nearest_background(const std::vector<Background>& backgrounds,
 /// room from another, and which subcarriers of a link people reach.
 std::array<float, kElements> mobility(const Background& background);
 
-/// Tokens of the links `links`, rows t * 9 + l without those left out; against `background`, or by the scalars when it is
-/// nullptr. Of 60 numbers each or, with NetworkConfig::background_conditioning, of 120: the link's mobility() follows, 0 where there is no
-/// background. The size of `tokens` tells which.
-void write_tokens(const Normalisation& normalisation, const Background* background, std::span<const float> x,
-                  LinkSet links, std::span<float> tokens);
+/// The tokens that config.tokens_there(links) names, in that order; against `background`, or by the scalars when it is nullptr. Of
+/// 60 numbers for each link or, with background_conditioning, of 120: the link's mobility() follows, 0 where there is no background.
+/// With receiver_tokens the three links of the receiver stand side by side, all numbers of one that is not there 0.
+void write_tokens(const NetworkConfig& config, const Normalisation& normalisation,
+                  const Background* background, std::span<const float> x, LinkSet links,
+                  std::span<float> tokens);
 
 }  // namespace csipose

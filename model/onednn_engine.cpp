@@ -173,9 +173,9 @@ OneDnnEngine::OneDnnEngine(std::shared_ptr<const Model> model, Precision precisi
       context_(options.threads, options.cpus),
       encoder_(context_, *model_, number_plan(precision, context_.cpu())),
       decoder_(context_, *model_, number_plan(precision, context_.cpu()), options.refined_queries) {
-  for (std::size_t links = 1; links <= kLinks; ++links) {
-    encoder_.prepare(links * kSamples);
-    decoder_.prepare(links * kSamples);
+  for (std::size_t columns = 1; columns <= model_->config().token_grid().columns; ++columns) {
+    encoder_.prepare(columns * kSamples);
+    decoder_.prepare(columns * kSamples);
   }
   add_note(gate_note(*model_, precision));
 }
@@ -184,7 +184,7 @@ NetworkOutput OneDnnEngine::infer(std::span<const float> x, LinkSet links, const
   context_.enter();
   probe_.start();
   const void* features = encoder_.run(x, links, background, probe_);
-  return decoder_.run(features, kSamples * links.count(), probe_);
+  return decoder_.run(features, model_->config().token_count(links), probe_);
 }
 
 void OneDnnEngine::run_encoder(std::span<const float> x, LinkSet links) {

@@ -196,16 +196,17 @@ void EncoderBlock::transform(float* x, std::size_t tokens, EncoderBuffers& b, Pr
 OneDnnEncoder::OneDnnEncoder(OneDnnContext& context, const Model& model, const NumberPlan& plan)
     : context_(&context),
       plan_(plan),
+      config_(model.config()),
       normalisation_(model.normalisation()),
-      dim_(model.config().dim),
-      position_code_(reference::position_code(dim_).data),
+      dim_(config_.dim),
+      position_code_(reference::position_code(dim_, config_.token_grid()).data),
       embed_(context, whole(model.tensors(), "encoder.patch_embed.proj"),
              {Element::f32, Element::f32, Epilogue::add}, "encoder.patch_embed.proj"),
       norm_(layer_norm(model.tensors(), "encoder.norm", kEncoderEpsilon)),
       attention_(context, dim_, model.config().heads, plan.attention,
                  plan.encoder == Element::s8 ? Element::f32 : plan.encoder),
       buffers_(dim_, plan),
-      tokens_(kTokens * model.config().token_numbers() * sizeof(float)),
+      tokens_(config_.token_grid().size() * config_.token_numbers() * sizeof(float)),
       residual_(kTokens * dim_ * sizeof(float)),
       final_float_(kTokens * dim_ * sizeof(float)),
       final_(kTokens * dim_ * size_of(plan.decoder)) {
@@ -219,25 +220,26 @@ void OneDnnEncoder::prepare(std::size_t tokens) {
   attention_.prepare({1, tokens, tokens});
 }
 
-/// Normalised channels of the present links' tokens, and their position codes where the embedding will be
-/// added.
-void OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links, const Background* background) {
+/// Normalised channels of the tokens that are there, and their position codes where the embedding will be added. Gives their
+/// number.
+std::size_t OneDnnEncoder::gather_tokens(std::span<const float> x, LinkSet links,
+                                         const Background* background) {
   if (background == nullptr) background = nearest_background(normalisation_.backgrounds, x, links).background;
-  write_tokens(normalisation_, background, x, links,
-               {tokens_.floats(), kSamples * links.count() * embed_.inputs()});
+  const std::size_t count = config_.token_count(links);
+  write_tokens(config_, normalisation_, background, x, links, {tokens_.floats(), count * embed_.inputs()});
   float* residual = residual_.floats();
-  for (std::size_t i = 0; i < kTokens; ++i) {
-    if (!links[i % kLinks]) continue;
+  for (std::size_t i = 0; i < config_.token_grid().size(); ++i) {
+    if (!config_.has_token(i, links)) continue;
     std::memcpy(residual, &position_code_[i * dim_], dim_ * sizeof(float));
     residual += dim_;
   }
+  return count;
 }
 
 const void* OneDnnEncoder::run(std::span<const float> x, LinkSet links, const Background* background,
                                Probe& probe) {
   assert(x.size() == kChannels * kTokens && links.any());
-  const std::size_t tokens = kSamples * links.count();
-  gather_tokens(x, links, background);
+  const std::size_t tokens = gather_tokens(x, links, background);
   embed_.run(tokens_.data(), residual_.data(), tokens);
   probe.stage("embed", view(residual_, tokens * dim_));
   for (std::size_t i = 0; i < blocks_.size(); ++i) {

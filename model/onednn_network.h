@@ -1,7 +1,7 @@
 // model/onednn_network.h - the network on the operations of onednn_ops.h: encoder, pose decoder, refinement.
 //
 // Reads beside model/reference.cpp, which is the same network in plain loops. Shapes: N tokens (20 for each
-// present link), D and E widths, Q queries, J joints (14). One window at a time, no allocation of our own
+// present link or receiver), D and E widths, Q queries, J joints (14). One window at a time, no allocation of our own
 // after prepare().
 #pragma once
 
@@ -90,18 +90,19 @@ class OneDnnEncoder {
  public:
   OneDnnEncoder(OneDnnContext& context, const Model& model, const NumberPlan& plan);
   void prepare(std::size_t tokens);
-  /// x and background as in Engine::run. Returns [N][D] in the decoder's format, N = 20 * links.count().
+  /// x and background as in Engine::run. Returns [N][D] in the decoder's format, N = token_count(links).
   const void* run(std::span<const float> x, LinkSet links, const Background* background, Probe& probe);
   const std::string& implementation() const { return blocks_.front().implementation(); }
 
  private:
-  void gather_tokens(std::span<const float> x, LinkSet links, const Background* background);
+  std::size_t gather_tokens(std::span<const float> x, LinkSet links, const Background* background);
 
   OneDnnContext* context_;
   NumberPlan plan_;
+  NetworkConfig config_;
   Normalisation normalisation_;
   std::size_t dim_;
-  std::vector<float> position_code_;  ///< [180][D]
+  std::vector<float> position_code_;  ///< [180][D], as the grid
   Linear embed_;
   std::vector<EncoderBlock> blocks_;
   LayerNorm norm_;

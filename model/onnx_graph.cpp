@@ -23,7 +23,7 @@ namespace {
 constexpr int kOpset = 17;
 constexpr int kIrVersion = 8;  // goes with opset 17
 constexpr float kEncoderEpsilon = 1e-6f, kDecoderEpsilon = 1e-5f;
-constexpr std::int64_t kTokenCount = kTokens, kJointCount = kJoints;
+constexpr std::int64_t kJointCount = kJoints;
 
 using Shape = std::vector<std::int64_t>;
 struct Value {
@@ -234,11 +234,14 @@ class NetworkGraph {
     return graph_.reshape(graph_.transpose(mixed, {0, 2, 1, 3}), q.shape);
   }
 
-  /// csi to [1][180][60 or 120], normalised, row t * 9 + l.
+  std::int64_t token_count() const { return static_cast<std::int64_t>(config_.token_grid().size()); }
+  /// csi to tokens as the grid, [1][180][60 or 120] or [1][60][180 or 360], normalised: of row t * 9 + l the second are three.
   Value tokens(const Value& csi) {
     const Value given = normalisation_.backgrounds.empty() ? by_scalars(csi) : against_background(csi);
-    const auto numbers = static_cast<std::int64_t>(config_.token_numbers());
-    return graph_.transpose(graph_.reshape(given, {1, numbers, kTokenCount}), {0, 2, 1});
+    const auto of_link = static_cast<std::int64_t>(config_.link_numbers());
+    const Value of_links = graph_.transpose(graph_.reshape(given, {1, of_link, kTokens}), {0, 2, 1});
+    if (!config_.receiver_tokens) return of_links;
+    return graph_.reshape(of_links, {1, token_count(), static_cast<std::int64_t>(config_.token_numbers())});
   }
   Value by_scalars(const Value& csi) {
     std::vector<float> mean(kChannels, 0.f), deviation(kChannels, normalisation_.ph_std);
@@ -452,8 +455,8 @@ class NetworkGraph {
 
   Value encode(const Value& csi) {
     const auto dim = static_cast<std::int64_t>(config_.dim);
-    const Value code =
-        graph_.constant("position_code", {1, kTokenCount, dim}, reference::position_code(config_.dim).data);
+    const Value code = graph_.constant("position_code", {1, token_count(), dim},
+                                       reference::position_code(config_.dim, config_.token_grid()).data);
     Value x = graph_.add(linear(tokens(csi), "encoder.patch_embed.proj"), code);
     for (std::size_t i = 0; i < config_.depth; ++i) x = block(fmt::format("encoder.blocks.{}.", i), x);
     return layer_norm(x, "encoder.norm", kEncoderEpsilon);
@@ -471,7 +474,7 @@ class NetworkGraph {
   /// Poses of the best tokens, [1][Q][42].
   Value propose(const Value& memory) {
     const std::string last = std::to_string(config_.decoder_layers);
-    const Value scores = graph_.reshape(linear(memory, "cls_branches." + last), {kTokenCount});
+    const Value scores = graph_.reshape(linear(memory, "cls_branches." + last), {token_count()});
     const Value poses = mlp(memory, "kpt_branches." + last, 6);
     // Descending; among equal ones the lower row first, as ours.
     onnx::NodeProto& best = graph_.node("TopK", {scores, graph_.integers({queries()})}, "proposals.score");

@@ -287,17 +287,10 @@ Matrix tokens_of(std::span<const float> x) {
   return tokens;
 }
 
-std::vector<std::size_t> visible_tokens(LinkSet links) {
-  std::vector<std::size_t> tokens;
-  for (std::size_t token = 0; token < kTokens; ++token)
-    if (links[token % kLinks]) tokens.push_back(token);
-  return tokens;
-}
-
 EncoderOutput encode(const TensorMap& weights, const std::string& prefix, const EncoderShape& shape,
                      const Matrix& tokens, std::span<const std::size_t> visible) {
   EncoderOutput out;
-  out.embed = add(linear(tokens, weights, prefix + "patch_embed.proj"), position_code(shape.dim));
+  out.embed = add(linear(tokens, weights, prefix + "patch_embed.proj"), position_code(shape.dim, shape.grid));
   Matrix x = gather(out.embed, visible);
   for (std::size_t i = 0; i < shape.depth; ++i) {
     x = encoder_block(weights, fmt::format("{}blocks.{}.", prefix, i), shape.heads, std::move(x));

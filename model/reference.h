@@ -57,14 +57,13 @@ Matrix attention(const Matrix& q, const Matrix& k, const Matrix& v, std::size_t 
 Matrix position_code(std::size_t width, const TokenGrid& grid = {});
 /// Tensor [60][20][9] to tokens [180][60], row t * 9 + l.
 Matrix tokens_of(std::span<const float> x);
-/// Ascending tokens of the links that are there.
-std::vector<std::size_t> visible_tokens(LinkSet links);
 
 struct EncoderShape {
   std::size_t dim, depth, heads;
+  TokenGrid grid{};
 };
 struct EncoderOutput {
-  Matrix embed;                ///< [180][D], position code added
+  Matrix embed;                ///< [180][D] (as the grid), position code added
   std::vector<Matrix> blocks;  ///< [depth] of [N][D]
   Matrix tokens;               ///< [N][D] after the last LayerNorm
 };

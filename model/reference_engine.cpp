@@ -31,9 +31,9 @@ class ReferenceEngine final : public Engine {
     assert(links.any());
     stages_.clear();
     const NetworkConfig& c = model_->config();
-    const std::vector<std::size_t> visible = reference::visible_tokens(links);
+    const std::vector<std::size_t> visible = c.tokens_there(links);
     const reference::EncoderOutput encoded =
-        reference::encode(model_->tensors(), "encoder.", {c.dim, c.depth, c.heads},
+        reference::encode(model_->tensors(), "encoder.", {c.dim, c.depth, c.heads, c.token_grid()},
                           normalised_tokens(x, links, background), visible);
     const Matrix memory = reference::linear(encoded.tokens, model_->tensors(), "proj");
     const reference::DecoderShape shape = {c.decoder_heads,         c.decoder_layers, c.refine_layers,
@@ -50,11 +50,12 @@ class ReferenceEngine final : public Engine {
   Matrix normalised_tokens(std::span<const float> x, LinkSet links, const Background* background) const {
     const Normalisation& n = model_->normalisation();
     if (background == nullptr) background = nearest_background(n.backgrounds, x, links).background;
-    const std::size_t numbers = model_->config().token_numbers();
-    Matrix present(kSamples * links.count(), numbers), tokens(kTokens, numbers);
-    write_tokens(n, background, x, links, present.data);
+    const NetworkConfig& c = model_->config();
+    const std::size_t numbers = c.token_numbers();
+    Matrix present(c.token_count(links), numbers), tokens(c.token_grid().size(), numbers);
+    write_tokens(c, n, background, x, links, present.data);
     std::size_t row = 0;
-    for (const std::size_t token : reference::visible_tokens(links))
+    for (const std::size_t token : c.tokens_there(links))
       std::copy_n(&present.data[row++ * numbers], numbers, &tokens.data[token * numbers]);
     return tokens;
   }

@@ -138,14 +138,15 @@ void Pool::give_for(const NetworkConfig& config) {
               "network of them; set data.norm to \"background\", or to \"init\" with a file that has them",
               sources_[s]->name()));
   flat_ = config.flat_tokens;
-  token_numbers_ = flat_ ? kChannels : config.token_numbers();
+  given_ = config;
+  given_.flat_tokens = false;
 }
 
 at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
   const auto count = static_cast<std::int64_t>(windows.size());
+  const std::size_t rows = given_.token_grid().size(), of_window = rows * given_.token_numbers();
   at::Tensor out =
-      at::empty({count, static_cast<std::int64_t>(kTokens), static_cast<std::int64_t>(token_numbers_)});
-  const std::size_t of_window = kTokens * token_numbers_;
+      at::empty({count, static_cast<std::int64_t>(rows), static_cast<std::int64_t>(given_.token_numbers())});
   float* numbers = out.data_ptr<float>();
   at::parallel_for(0, count, 8, [&](std::int64_t from, std::int64_t to) {
     std::vector<float> x(kWindowNumbers);
@@ -153,8 +154,9 @@ at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
       const auto [source, window] = locate(windows[static_cast<std::size_t>(b)]);
       sources_[source]->read(window, x);
       const LinkSet all = LinkSet().set();
-      write_tokens(scaling_[source], background_of(scaling_[source], sources_[source]->room(window), x), x,
-                   all, {numbers + b * static_cast<std::int64_t>(of_window), of_window});
+      write_tokens(given_, scaling_[source],
+                   background_of(scaling_[source], sources_[source]->room(window), x), x, all,
+                   {numbers + b * static_cast<std::int64_t>(of_window), of_window});
     }
   });
   return (flat_ ? flat_tokens_of(out) : out).to(device_);

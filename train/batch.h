@@ -58,7 +58,7 @@ class Pool {
   std::vector<std::size_t> first_;  // of each source, and the end
   std::vector<Normalisation> scaling_;
   at::Device device_ = at::kCPU;
-  std::size_t token_numbers_ = kChannels;  // before they are made flat
+  NetworkConfig given_;  // of the tokens, before they are made flat
   bool flat_ = false;
 };
 

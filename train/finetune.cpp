@@ -95,12 +95,14 @@ std::vector<std::size_t> choose_spread(std::size_t count, std::size_t of, Seeded
   return one_each;
 }
 
-/// Tokens of these samples and links, ascending as the samples are.
-TokenList tokens_of(const std::vector<std::size_t>& samples, const LinkSet& links) {
+/// Of a network's tokens those of these samples and links, ascending as the samples are.
+TokenList tokens_of(const NetworkConfig& config, const std::vector<std::size_t>& samples,
+                    const LinkSet& links) {
+  const std::size_t columns = config.token_grid().columns;
   TokenList tokens;
   for (const std::size_t t : samples)
-    for (std::size_t l = 0; l < kLinks; ++l)
-      if (links[l]) tokens.push_back(static_cast<std::int64_t>(t * kLinks + l));
+    for (std::size_t column = 0; column < columns; ++column)
+      if (config.has_token(column, links)) tokens.push_back(static_cast<std::int64_t>(t * columns + column));
   return tokens;
 }
 
@@ -119,6 +121,12 @@ std::size_t samples_of_step(const RunSettings& settings, const Moment& now) {
                                                   : static_cast<std::size_t>(settings.finetune.samples);
 }
 
+/// Receiver tokens (B, 60, ..) of windows whose links are `links` (B, 9), 1 where one is there: the others' numbers become 0.
+void silence(at::Tensor& tokens, const at::Tensor& links) {
+  const std::int64_t windows = tokens.size(0);
+  tokens.view({windows, kSamples, kLinks, -1}).mul_(links.to(tokens.device()).view({windows, 1, kLinks, 1}));
+}
+
 struct Failure {
   std::size_t receivers = 0, links = 0;
 };
@@ -129,6 +137,19 @@ Failure draw_failure(const RunSettings& settings, SeededRandom& random) {
   if (u < s.lose_receiver + s.lose_two_receivers) return {2, 0};
   if (u < s.lose_receiver + s.lose_two_receivers + s.lose_links) return {0, 1 + random.index(3)};
   return {};
+}
+
+/// Of one window. Receiver tokens are as many in all windows of a batch: links that fail one by one leave each receiver one.
+LinkSet links_left(const Failure& failure, const NetworkConfig& config, SeededRandom& random) {
+  for (;;) {
+    LinkSet links = LinkSet().set();
+    for (const std::size_t receiver : choose(failure.receivers, kReceivers, random))
+      for (std::size_t a = 0; a < kAntennas; ++a) links.reset(receiver * kAntennas + a);
+    for (const std::size_t link : choose(failure.links, kLinks, random)) links.reset(link);
+    if (!config.receiver_tokens || failure.links == 0 ||
+        config.token_count(links) == config.token_grid().size())
+      return links;
+  }
 }
 
 // ---- the objective ----
@@ -160,8 +181,10 @@ class Poses3d : public Objective {
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures& figures) override {
     if (sigma_phase(now) && now.step == pose_steps(settings_, now) + 1) begin_sigma_phase();
     seed_dropout(now);
-    const at::Tensor tokens = pool_.tokens(windows);
-    at::Tensor left = surviving_tokens(settings_, now, windows);
+    at::Tensor tokens = pool_.tokens(windows);
+    Survivors survivors = surviving_tokens(settings_, now, windows);
+    if (survivors.links.defined()) silence(tokens, survivors.links);
+    at::Tensor left = survivors.tokens;
     if (left.defined()) left = left.to(tokens.device());
     const People people = pool_.people_of(windows);
     const double matched = workers_.average(matched_people(people, left));
@@ -374,24 +397,27 @@ double oracle_error_m(const Parameters& weights, const NetworkConfig& config, co
   return metrics.all().frame_mean.mpjpe / 1000;
 }
 
-at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
-                            std::span<const std::uint64_t> windows) {
+Survivors surviving_tokens(const RunSettings& settings, const Moment& now,
+                           std::span<const std::uint64_t> windows) {
   const auto seed = static_cast<std::uint64_t>(settings.run.seed);
+  const NetworkConfig config = network_of(settings);
   SeededRandom batch(seed, "failures of a batch", {now.epoch, windows.front()});
   const Failure failure = draw_failure(settings, batch);
   const std::size_t samples = samples_of_step(settings, now);
   if (failure.receivers == 0 && failure.links == 0 && samples == kSamples) return {};
   std::vector<std::int64_t> tokens;
+  std::vector<float> there;
   for (const std::uint64_t window : windows) {
     SeededRandom random(seed, "failures of a window", {now.epoch, window});
-    LinkSet links = LinkSet().set();
-    for (const std::size_t receiver : choose(failure.receivers, kReceivers, random))
-      for (std::size_t a = 0; a < kAntennas; ++a) links.reset(receiver * kAntennas + a);
-    for (const std::size_t link : choose(failure.links, kLinks, random)) links.reset(link);
-    const TokenList left = tokens_of(choose_spread(samples, kSamples, random), links);
+    const LinkSet links = links_left(failure, config, random);
+    const TokenList left = tokens_of(config, choose_spread(samples, kSamples, random), links);
     tokens.insert(tokens.end(), left.begin(), left.end());
+    for (std::size_t l = 0; l < kLinks; ++l) there.push_back(links[l] ? 1.f : 0.f);
   }
-  return at::tensor(tokens, at::kLong).view({static_cast<std::int64_t>(windows.size()), -1});
+  const auto count = static_cast<std::int64_t>(windows.size());
+  Survivors survivors{at::tensor(tokens, at::kLong).view({count, -1}), {}};
+  if (config.receiver_tokens && failure.links > 0) survivors.links = at::tensor(there).view({count, kLinks});
+  return survivors;
 }
 
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {

@@ -19,9 +19,14 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
 double oracle_error_m(const Parameters& weights, const NetworkConfig& config, const Pool& pool,
                       std::span<const std::uint64_t> windows, const Numerics& numerics);
 
-/// Which tokens remain of each window when receivers or links fail: (windows, n), or undefined when none fail. A batch
-/// loses as many tokens in each window, in each others.
-at::Tensor surviving_tokens(const RunSettings& settings, const Moment& now,
-                            std::span<const std::uint64_t> windows);
+/// What remains of each window when samples are left out, and receivers or links fail.
+struct Survivors {
+  /// (windows, n): a batch loses as many in each window, in each others. Undefined when all remain.
+  at::Tensor tokens;
+  /// (windows, 9), 0 for a link that is missing in its receiver's token; undefined where tokens tell it all.
+  at::Tensor links;
+};
+Survivors surviving_tokens(const RunSettings& settings, const Moment& now,
+                           std::span<const std::uint64_t> windows);
 
 }  // namespace csipose::train

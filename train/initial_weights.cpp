@@ -30,16 +30,18 @@ void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::
 /// Has learnt of channels alone and goes where backgrounds are told as well.
 bool is_widened(const std::string& name, const at::Tensor& from, const at::Tensor& to) {
   return name == "encoder.patch_embed.proj.weight" && from.size(0) == to.size(0) &&
-         from.size(1) == static_cast<std::int64_t>(kChannels) && to.size(1) > from.size(1);
+         from.size(1) == static_cast<std::int64_t>(kChannels) && to.size(1) == 2 * from.size(1);
 }
 
 [[noreturn]] void refuse_shape(const std::string& name, const RunSettings& settings) {
-  throw SetupError(ExitStatus::bad_config,
-                   fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
-                               "network.background_conditioning = {} and flat_tokens = {}; set all three as "
-                               "in that file",
-                               settings.finetune.init, name, settings.network.preset,
-                               settings.network.background_conditioning, settings.network.flat_tokens));
+  throw SetupError(
+      ExitStatus::bad_config,
+      fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
+                  "network.background_conditioning = {}, receiver_tokens = {} and flat_tokens = {}; "
+                  "set all of them as in that file",
+                  settings.finetune.init, name, settings.network.preset,
+                  settings.network.background_conditioning, settings.network.receiver_tokens,
+                  settings.network.flat_tokens));
 }
 
 /// Takes the encoder of a pre-trained file, or everything of a fine-tuned one.

@@ -12,11 +12,12 @@
 namespace csipose::train {
 namespace {
 
-constexpr std::size_t kHiddenLinks = 5;     // round(0.6 * 9)
-constexpr std::size_t kHiddenTimes = 12;    // round(0.6 * 20)
-constexpr std::size_t kHiddenTokens = 108;  // round(0.6 * 180)
-constexpr std::size_t kTargetBlocks = 4;    // of ijepa
-constexpr std::size_t kLeastContext = 10;   // of ijepa
+constexpr std::size_t kHiddenLinks = 5;      // round(0.6 * 9)
+constexpr std::size_t kHiddenReceivers = 2;  // round(0.6 * 3)
+constexpr std::size_t kHiddenTimes = 12;     // round(0.6 * 20)
+constexpr std::size_t kHiddenTokens = 108;   // round(0.6 * 180)
+constexpr std::size_t kTargetBlocks = 4;     // of ijepa
+constexpr std::size_t kLeastContext = 10;    // of ijepa
 
 /// A rectangle of tokens: `height` samples by `width` links.
 struct Block {
@@ -86,7 +87,7 @@ TokenList block_tokens(SeededRandom& random) {
 TokenList hidden_tokens(Masking masking, SeededRandom& random) {
   switch (masking) {
     case Masking::link:
-      return tokens_of_links(choose(kHiddenLinks, kLinks, random));
+      return tokens_of_columns(choose(kHiddenLinks, kLinks, random));
     case Masking::time:
       return tokens_of_times(choose(kHiddenTimes, kSamples, random));
     case Masking::random:
@@ -168,18 +169,19 @@ Masking masking_named(std::string_view name) {
   return static_cast<Masking>(found - kMaskingNames.begin());
 }
 
-TokenList tokens_of_links(std::span<const std::size_t> links) {
+TokenList tokens_of_columns(std::span<const std::size_t> columns, const TokenGrid& grid) {
   TokenList tokens;
-  for (std::size_t t = 0; t < kSamples; ++t)
-    for (const std::size_t link : links) tokens.push_back(static_cast<std::int64_t>(t * kLinks + link));
+  for (std::size_t row = 0; row < grid.rows; ++row)
+    for (const std::size_t column : columns)
+      tokens.push_back(static_cast<std::int64_t>(row * grid.columns + column));
   return tokens;
 }
 
-TokenList tokens_of_times(std::span<const std::size_t> times) {
+TokenList tokens_of_times(std::span<const std::size_t> times, const TokenGrid& grid) {
   TokenList tokens;
   for (const std::size_t t : times)
-    for (std::size_t link = 0; link < kLinks; ++link)
-      tokens.push_back(static_cast<std::int64_t>(t * kLinks + link));
+    for (std::size_t column = 0; column < grid.columns; ++column)
+      tokens.push_back(static_cast<std::int64_t>(t * grid.columns + column));
   return tokens;
 }
 
@@ -193,12 +195,7 @@ TokenList other_tokens(const TokenList& tokens, std::size_t count) {
 }
 
 TokenList flat_tokens_of_links(std::span<const std::size_t> links) {
-  const std::vector<std::size_t> columns = columns_of(links);
-  TokenList tokens;
-  for (std::size_t row = 0; row < kFlatGrid.rows; ++row)
-    for (const std::size_t column : columns)
-      tokens.push_back(static_cast<std::int64_t>(row * kFlatGrid.columns + column));
-  return tokens;
+  return tokens_of_columns(columns_of(links), kFlatGrid);
 }
 
 BatchMasks draw_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
@@ -210,6 +207,27 @@ BatchMasks draw_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
     SeededRandom random(seed, "mask", {epoch, sample});
     masks.targets[0].push_back(hidden_tokens(masking, random));
     masks.context.push_back(other_tokens(masks.targets[0].back()));
+  }
+  return masks;
+}
+
+BatchMasks draw_receiver_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
+                               std::span<const std::uint64_t> samples) {
+  if (masking != Masking::link && masking != Masking::time)
+    throw SetupError(
+        ExitStatus::bad_config,
+        fmt::format("network.receiver_tokens goes with pretrain.mask = \"link\" or \"time\", not "
+                    "\"{}\": its tokens are of a receiver's three links at once",
+                    kMaskingNames[static_cast<std::size_t>(masking)]));
+  BatchMasks masks;
+  masks.targets.resize(1);
+  for (const std::uint64_t sample : samples) {
+    SeededRandom random(seed, "mask", {epoch, sample});
+    masks.targets[0].push_back(
+        masking == Masking::link
+            ? tokens_of_columns(choose(kHiddenReceivers, kReceivers, random), kReceiverGrid)
+            : tokens_of_times(choose(kHiddenTimes, kSamples, random), kReceiverGrid));
+    masks.context.push_back(other_tokens(masks.targets[0].back(), kReceiverGrid.size()));
   }
   return masks;
 }

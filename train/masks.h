@@ -24,9 +24,9 @@ Masking masking_named(std::string_view name);
 
 using TokenList = std::vector<std::int64_t>;
 
-/// Tokens of these links at all 20 samples; tokens of all links at these samples.
-TokenList tokens_of_links(std::span<const std::size_t> links);
-TokenList tokens_of_times(std::span<const std::size_t> times);
+/// Tokens of these links (or receivers) at all samples; tokens of all links at these samples.
+TokenList tokens_of_columns(std::span<const std::size_t> columns, const TokenGrid& grid = {});
+TokenList tokens_of_times(std::span<const std::size_t> times, const TokenGrid& grid = {});
 /// All of `count` tokens that `tokens` does not name.
 TokenList other_tokens(const TokenList& tokens, std::size_t count = kTokens);
 /// Flat tokens (model/config.h): all rows of the patch columns that these links own. A column belongs to the link of most of its
@@ -43,6 +43,10 @@ struct BatchMasks {
 /// 108 tokens in blocks that may overlap; ijepa predicts four blocks apart from each other out of one large block.
 BatchMasks draw_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
                       std::span<const std::uint64_t> samples);
+/// Of receiver tokens: link hides all of two receivers, six of the nine links, time 12 samples. Throws SetupError (bad_config)
+/// for the others, which tell the links of a receiver apart.
+BatchMasks draw_receiver_masks(Masking masking, std::uint64_t seed, std::uint64_t epoch,
+                               std::span<const std::uint64_t> samples);
 /// Link masking of flat tokens: the columns of 5 links. Links own three columns or four, so how many of them own four is drawn
 /// for the batch, and each sample's links among those that fit: any five links are as likely as any others.
 BatchMasks draw_flat_masks(std::uint64_t seed, std::uint64_t epoch, std::span<const std::uint64_t> samples);

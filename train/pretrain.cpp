@@ -54,9 +54,7 @@ class Jepa : public Objective {
   const Weights& weights() override { return weights_; }
 
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures&) override {
-    const auto seed = static_cast<std::uint64_t>(settings_.run.seed);
-    const BatchMasks masks = weights_.config.flat_tokens ? draw_flat_masks(seed, now.epoch, windows)
-                                                         : draw_masks(masking_, seed, now.epoch, windows);
+    const BatchMasks masks = masks_for(windows, now.epoch);
     const at::Tensor tokens = pool_.tokens(windows),
                      context = index_tensor(masks.context).to(tokens.device());
     const EncoderShape shape = encoder_shape(weights_.config);
@@ -108,6 +106,13 @@ class Jepa : public Objective {
   }
 
  private:
+  BatchMasks masks_for(std::span<const std::uint64_t> windows, std::uint64_t epoch) const {
+    const auto seed = static_cast<std::uint64_t>(settings_.run.seed);
+    if (weights_.config.flat_tokens) return draw_flat_masks(seed, epoch, windows);
+    if (weights_.config.receiver_tokens) return draw_receiver_masks(masking_, seed, epoch, windows);
+    return draw_masks(masking_, seed, epoch, windows);
+  }
+
   double peak_lr() const {
     if (settings_.pretrain.lr > 0) return settings_.pretrain.lr;
     return settings_.network.preset == "paper" ? kPaperLr : kReducedLr;

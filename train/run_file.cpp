@@ -73,6 +73,13 @@ const std::vector<Key>& keys() {
        0,
        {},
        "tokens also say how much people move the channels of their link; needs backgrounds"},
+      {"network.receiver_tokens",
+       FIELD(network.receiver_tokens),
+       0,
+       0,
+       {},
+       "a token is what a sample has of a receiver, its three links side by side, in the place of one of "
+       "each link"},
       {"network.parity",
        FIELD(network.parity),
        0,
@@ -417,7 +424,7 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
   if (reader.settings.network.parity) {
     reader.settings.network.init = "fixed";
     reader.settings.network.identity_conditioning = reader.settings.network.query_conditioning =
-        reader.settings.network.background_conditioning = false;
+        reader.settings.network.background_conditioning = reader.settings.network.receiver_tokens = false;
     reader.settings.finetune.proposal_bias = false;
     reader.settings.finetune.ordered = reader.settings.finetune.map = reader.settings.finetune.root_relative =
         0;
@@ -427,6 +434,10 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
         ExitStatus::bad_config,
         "network.flat_tokens and network.background_conditioning exclude each other: a patch is of "
         "no one link");
+  if (reader.settings.network.flat_tokens && reader.settings.network.receiver_tokens)
+    throw SetupError(
+        ExitStatus::bad_config,
+        "network.flat_tokens and network.receiver_tokens exclude each other: a token is one or the other");
   const auto& finetune = reader.settings.finetune;
   if (finetune.encoder_only &&
       ((finetune.ordered == 0 && finetune.map == 0) || finetune.freeze_encoder || finetune.sigma_epochs > 0))
@@ -448,6 +459,7 @@ NetworkConfig network_of(const RunSettings& settings) {
   config.identity_conditioning = settings.network.identity_conditioning;
   config.query_conditioning = settings.network.query_conditioning;
   config.background_conditioning = settings.network.background_conditioning;
+  config.receiver_tokens = settings.network.receiver_tokens;
   config.flat_tokens = settings.network.flat_tokens;
   return config;
 }

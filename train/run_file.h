@@ -29,6 +29,7 @@ struct RunSettings {
     bool identity_conditioning = true;
     bool query_conditioning = true;
     bool background_conditioning = false;
+    bool receiver_tokens = false;
     bool flat_tokens = false;
     bool parity = false;
     std::string init = "fan_in";

@@ -25,8 +25,8 @@ TEST(Calibration, FirstLayersScaleIsTheLargestNormalisedNumber) {
   const auto calibration = calibrate_int8(model, some, 1);
   float most = 0;
   for (const WindowTensor& window : some) {
-    const auto visible = reference::visible_tokens(LinkSet().set());
     const NetworkConfig& c = model->config();
+    const auto visible = c.tokens_there(LinkSet().set());
     const auto encoded = reference::encode(model->tensors(), "encoder.", {c.dim, 0, c.heads},
                                            reference::tokens_of(window), visible);
     const auto normed =

@@ -78,12 +78,34 @@ TEST(Config, JsonRoundTrip) {
     config.background_conditioning = true;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 120, 1, 1}));
-    config.background_conditioning = false;
+    config.receiver_tokens = true;
+    EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
+    EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 360, 1, 1}));
+    config.background_conditioning = config.receiver_tokens = false;
     config.flat_tokens = true;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 36, 1, 1}));
     EXPECT_THROW(require_engine_tokens(config), SetupError);
   }
+}
+
+TEST(Config, TokensOfAbsentLinksAreNotThere) {
+  NetworkConfig config = preset_config("micro");
+  LinkSet links = LinkSet().set().reset(3).reset(4).reset(5);
+  std::vector<std::size_t> tokens = config.tokens_there(links);
+  ASSERT_EQ(tokens.size(), 120u);
+  EXPECT_EQ(config.token_count(links), 120u);
+  EXPECT_TRUE(std::is_sorted(tokens.begin(), tokens.end()));
+  for (const std::size_t token : tokens) EXPECT_TRUE(token % 9 < 3 || token % 9 > 5);
+
+  config.receiver_tokens = true;
+  EXPECT_EQ(config.token_count(LinkSet().set()), 60u);
+  links.reset(0).reset(8);  // their receivers have others
+  tokens = config.tokens_there(links);
+  ASSERT_EQ(tokens.size(), 40u);
+  EXPECT_EQ(config.token_count(links), 40u);
+  EXPECT_TRUE(std::is_sorted(tokens.begin(), tokens.end()));
+  for (const std::size_t token : tokens) EXPECT_NE(token % 3, 1u);
 }
 
 TEST(Config, FilesFromBeforeQueryConditioningAreWithoutIt) {
@@ -131,6 +153,9 @@ TEST(Config, FlatTokensAreOfNoOneLinkToTellOf) {
   NetworkConfig config = preset_config("micro");
   config.flat_tokens = config.background_conditioning = true;
   EXPECT_NE(refusal("micro", to_json(config)).find("flat_tokens"), std::string::npos);
+  config.background_conditioning = false;
+  config.receiver_tokens = true;
+  EXPECT_NE(refusal("micro", to_json(config)).find("receiver_tokens"), std::string::npos);
 }
 
 TEST(Config, SigmaHeadNeedsIdentityConditioning) {

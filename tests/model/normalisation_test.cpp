@@ -19,11 +19,12 @@ using testing::made_up_background;
 using testing::window_before;
 
 const LinkSet kAll = LinkSet().set();
+const NetworkConfig kPlain = preset_config("micro");
 
 TEST(Normalisation, ScalarsGiveMeanAndDeviation) {
   std::vector<float> x(kChannels * kTokens), tokens(x.size());
   for (std::size_t i = 0; i < x.size(); ++i) x[i] = static_cast<float>(i % 101);
-  write_tokens({3, 2, 4, {}}, nullptr, x, kAll, tokens);
+  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, kAll, tokens);
   for (std::size_t c = 0; c < kChannels; ++c)
     for (std::size_t t = 0; t < kSamples; ++t)
       for (std::size_t l = 0; l < kLinks; ++l) {
@@ -139,7 +140,7 @@ TEST(Normalisation, ABackgroundIsTakenOffByItsDeviations) {
   const Background background = made_up_background("hall", 3);
   const std::vector<float> x = window_before(background, 4);
   std::vector<float> tokens(x.size());
-  write_tokens({}, &background, x, kAll, tokens);
+  write_tokens(kPlain, {}, &background, x, kAll, tokens);
   for (std::size_t t = 0; t < kSamples; ++t) {
     Sample sample;
     for (std::size_t e = 0; e < kElements; ++e) sample[e] = x[Window::index(e / kLinks, t, e % kLinks)];
@@ -176,9 +177,11 @@ TEST(Normalisation, TokensMayTellTheMobilityOfTheirLink) {
   const LinkSet links = LinkSet().set(1).set(7);
   const std::size_t rows = kSamples * links.count();
   std::vector<float> plain(rows * kChannels), told(2 * plain.size()), untold(told.size());
-  write_tokens({}, &background, x, links, plain);
-  write_tokens({}, &background, x, links, told);
-  write_tokens({3, 2, 4, {}}, nullptr, x, links, untold);
+  write_tokens(kPlain, {}, &background, x, links, plain);
+  NetworkConfig telling = kPlain;
+  telling.background_conditioning = true;
+  write_tokens(telling, {}, &background, x, links, told);
+  write_tokens(telling, {3, 2, 4, {}}, nullptr, x, links, untold);
   const Sample moves = mobility(background);
   for (std::size_t row = 0; row < rows; ++row)
     for (std::size_t c = 0; c < kChannels; ++c) {
@@ -188,13 +191,43 @@ TEST(Normalisation, TokensMayTellTheMobilityOfTheirLink) {
     }
 }
 
+// With all links a receiver's token is the tokens of its links, one after the other; with fewer, 0 where one is not there.
+TEST(Normalisation, AReceiversTokenHasItsLinksSideBySide) {
+  const Background background = made_up_background("hall", 3);
+  const std::vector<float> x = window_before(background, 4);
+  for (const bool told : {false, true}) {
+    NetworkConfig of_links = kPlain;
+    of_links.background_conditioning = told;
+    NetworkConfig of_receivers = of_links;
+    of_receivers.receiver_tokens = true;
+    std::vector<float> links(kTokens * of_links.token_numbers()), receivers(links.size());
+    write_tokens(of_links, {}, &background, x, kAll, links);
+    write_tokens(of_receivers, {}, &background, x, kAll, receivers);
+    EXPECT_EQ(receivers, links);
+
+    const LinkSet some = LinkSet().set(1).set(6).set(8);  // of receivers 0 and 2
+    const std::size_t numbers = of_links.link_numbers();
+    std::vector<float> there(kSamples * 3 * numbers), gapped(kSamples * 2 * kAntennas * numbers, 1.f);
+    write_tokens(of_links, {}, &background, x, some, there);
+    write_tokens(of_receivers, {}, &background, x, some, gapped);
+    constexpr std::array<int, 6> kFrom = {-1, 0, -1, 1, -1, 2};
+    for (std::size_t i = 0; i < gapped.size(); ++i) {
+      const std::size_t row = i / numbers / kFrom.size();
+      const int from = kFrom[i / numbers % kFrom.size()];
+      const float expected =
+          from < 0 ? 0.f : there[(row * 3 + static_cast<std::size_t>(from)) * numbers + i % numbers];
+      ASSERT_EQ(gapped[i], expected) << i;
+    }
+  }
+}
+
 TEST(Normalisation, SamplesThatAreRepeatedGiveTheSameTokens) {
   const Background background = made_up_background("hall", 3);
   std::vector<float> x = window_before(background, 4), tokens(x.size()), others(x.size());
-  write_tokens({}, &background, x, kAll, others);
+  write_tokens(kPlain, {}, &background, x, kAll, others);
   for (std::size_t c = 0; c < kChannels; ++c)
     std::copy_n(&x[Window::index(c, 6, 0)], kLinks, &x[Window::index(c, 7, 0)]);
-  write_tokens({}, &background, x, kAll, tokens);
+  write_tokens(kPlain, {}, &background, x, kAll, tokens);
   for (std::size_t t = 0; t < kSamples; ++t)
     for (std::size_t i = 0; i < kLinks * kChannels; ++i)
       ASSERT_EQ(tokens[t * kLinks * kChannels + i], others[(t == 7 ? 6 : t) * kLinks * kChannels + i]);
@@ -204,11 +237,11 @@ TEST(Normalisation, LinksThatAreNotThereAreLeftOut) {
   const Background background = made_up_background("hall", 3);
   const std::vector<float> x = window_before(background, 4);
   std::vector<float> all(x.size()), some(kSamples * 2 * kChannels);
-  write_tokens({}, &background, x, kAll, all);
-  write_tokens({}, &background, x, LinkSet().set(1).set(7), some);
+  write_tokens(kPlain, {}, &background, x, kAll, all);
+  write_tokens(kPlain, {}, &background, x, LinkSet().set(1).set(7), some);
   std::vector<float> scaled_all(x.size()), scaled(some.size());
-  write_tokens({3, 2, 4, {}}, nullptr, x, kAll, scaled_all);
-  write_tokens({3, 2, 4, {}}, nullptr, x, LinkSet().set(1).set(7), scaled);
+  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, kAll, scaled_all);
+  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, LinkSet().set(1).set(7), scaled);
   for (std::size_t t = 0; t < kSamples; ++t)
     for (std::size_t i = 0; i < 2; ++i)
       for (std::size_t c = 0; c < kChannels; ++c) {
@@ -355,7 +388,7 @@ TEST(Engines, ScaleByTheBackground) {
   const auto a = make_reference_engine(plain), b = make_reference_engine(model);
   for (const LinkSet links : {kAll, LinkSet(0b111000111)}) {
     std::vector<float> tokens(kChannels * kSamples * links.count()), z(x.size());
-    write_tokens({}, &own, x, links, tokens);
+    write_tokens(kPlain, {}, &own, x, links, tokens);
     std::size_t row = 0;
     for (std::size_t i = 0; i < kTokens; ++i) {
       if (!links[i % kLinks]) continue;

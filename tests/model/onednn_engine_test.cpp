@@ -130,6 +130,15 @@ TEST(OneDnnEngine, TokensMayTellOfTheBackground) {
   expect_equal_stages(init_random(config, 7, HeadInit::random), all_links());  // of none
 }
 
+TEST(OneDnnEngine, TokensMayBeOfReceivers) {
+  NetworkConfig config = preset_config("micro");
+  config.receiver_tokens = true;
+  for (const LinkSet links : {all_links(), LinkSet(0b111000111), LinkSet(0b100011111)})
+    expect_equal_stages(init_random(config, 7, HeadInit::random), links);
+  config.background_conditioning = true;
+  expect_against_backgrounds(config);
+}
+
 TEST(OneDnnEngine, ParityFormRefinesOnceForAll) {
   expect_equal_stages(model_of("tiny", /*identity=*/false), all_links());
 }

@@ -95,6 +95,7 @@ TEST(OnnxGraph, ChoosesTheBackground) {
   for (const bool told : {false, true}) {
     NetworkConfig config = micro(true, 1, 1);
     config.background_conditioning = told;
+    config.receiver_tokens = told;
     const auto model = model_with_backgrounds(config);
     for (const std::uint64_t seed : {1, 2}) {
       const auto x = testing::window_before(testing::made_up_background("", seed), 7);

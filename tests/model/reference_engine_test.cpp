@@ -65,7 +65,7 @@ TEST(ReferenceEngine, AbsentLinksAreTokensLeftOutOfTheSequence) {
   const auto x = input(3);
   engine->run(x, links);
   const NetworkConfig& c = model->config();
-  const std::vector<std::size_t> visible = reference::visible_tokens(links);
+  const std::vector<std::size_t> visible = c.tokens_there(links);
   ASSERT_EQ(visible.size(), 60u);
   const auto encoded = reference::encode(model->tensors(), "encoder.", {c.dim, c.depth, c.heads},
                                          reference::tokens_of(x), visible);
@@ -79,7 +79,7 @@ TEST(ReferenceEngine, TokensKnowTheirPlaceOnlyByThePositionCode) {
   const auto model = micro();
   const NetworkConfig& c = model->config();
   const auto tokens = reference::tokens_of(input(4));
-  std::vector<std::size_t> order = reference::visible_tokens(all_links());
+  std::vector<std::size_t> order = c.tokens_there(all_links());
   const auto straight =
       reference::encode(model->tensors(), "encoder.", {c.dim, c.depth, c.heads}, tokens, order);
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i / 9 * 9 + (4 * (i % 9) + 2) % 9;
@@ -189,6 +189,57 @@ TEST(ReferenceEngine, TokensMayTellOfTheBackground) {
   const std::size_t dim = plain.size() / kTokens;
   for (std::size_t i = 0; i < plain.size(); ++i)
     ASSERT_NEAR(told[i] - plain[i], 0.5 * sums[i / dim % kLinks], 1e-4) << i;
+}
+
+// An embedding that has the same weights for each of a receiver's links, and a position code that is the receivers' own: the
+// embedding is the sum of what those links would have been embedded as.
+TEST(ReferenceEngine, AReceiversTokenIsOfItsLinks) {
+  NetworkConfig config = preset_config("micro");
+  const auto plain = SafetensorsFile::parse(random_weights(config, 5, HeadInit::random), "plain");
+  std::vector<TensorView> tensors = plain.tensors();
+  std::map<std::string, std::string> metadata = plain.metadata();
+  config.receiver_tokens = true;
+  metadata["config"] = to_json(config);
+  std::vector<float> wide, bias;
+  for (TensorView& view : tensors) {
+    if (view.name == "encoder.patch_embed.proj.bias") bias = to_floats(view);
+    if (view.name != "encoder.patch_embed.proj.weight") continue;
+    const std::vector<float> narrow = to_floats(view);
+    for (std::size_t row = 0; row < config.dim; ++row)
+      for (std::size_t a = 0; a < kAntennas; ++a)
+        wide.insert(wide.end(), &narrow[row * kChannels], &narrow[row * kChannels] + kChannels);
+    view.shape[1] = kAntennas * kChannels;
+    view.bytes = ByteView(wide.data(), wide.size() * sizeof(float));
+  }
+  const auto of_links = make_reference_engine(Model::from(plain)),
+             of_receivers = make_reference_engine(
+                 Model::from(SafetensorsFile::parse(pack_safetensors(metadata, tensors), "wide")));
+  const auto x = input(3);
+  const auto link_code = reference::position_code(config.dim),
+             receiver_code = reference::position_code(config.dim, kReceiverGrid);
+  for (const LinkSet links : {all_links(), LinkSet(0b111000101)}) {
+    of_links->run(x, links);
+    of_receivers->run(x, links);
+    const std::vector<float> one = copy(of_links->stage("embed")), three = copy(of_receivers->stage("embed"));
+    const std::vector<std::size_t> there = config.tokens_there(links);
+    ASSERT_EQ(three.size(), there.size() * config.dim);
+    std::size_t row = 0;
+    for (std::size_t i = 0; i < there.size(); ++i)
+      for (std::size_t a = 0, first = row; a < kAntennas; ++a) {
+        const std::size_t link = there[i] / kReceivers * kLinks + there[i] % kReceivers * kAntennas + a;
+        if (links[link % kLinks]) ++row;
+        if (a + 1 < kAntennas) continue;
+        for (std::size_t d = 0; d < config.dim; ++d) {
+          double expected = static_cast<double>(receiver_code.at(there[i], d) + bias[d]);
+          for (std::size_t b = 0, at = first; b < kAntennas; ++b) {
+            const std::size_t token = link - a + b;
+            if (!links[token % kLinks]) continue;
+            expected += static_cast<double>(one[at++ * config.dim + d] - link_code.at(token, d) - bias[d]);
+          }
+          ASSERT_NEAR(three[i * config.dim + d], expected, 1e-5) << links << ' ' << i;
+        }
+      }
+  }
 }
 
 TEST(ReferenceEngine, SigmaIsAboveAMillimetreAndOnlyThereWithItsHead) {

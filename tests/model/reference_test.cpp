@@ -32,7 +32,7 @@ float difference(const Matrix& ours, const NpyArray<float>& theirs, std::size_t 
   return largest;
 }
 
-std::vector<std::size_t> all_tokens() { return visible_tokens(LinkSet().set()); }
+std::vector<std::size_t> all_tokens() { return NetworkConfig{}.tokens_there(LinkSet().set()); }
 
 TEST(Reference, PositionCodeIsTheGoldenOne) {
   CSIPOSE_NEEDS_SHARED_DATA();
@@ -112,16 +112,6 @@ TEST_F(GoldenDecoder, RefinementWithoutIdentityMovesEverybodyAlike) {
     for (std::size_t q = 1; q < kQueries; ++q)
       EXPECT_NEAR(out.refined[1].at(q, i) - out.kpt[2].at(q, i),
                   out.refined[1].at(0, i) - out.kpt[2].at(0, i), 1e-6);
-}
-
-TEST(Reference, VisibleTokensAscendAndLeaveAbsentLinksOut) {
-  LinkSet links;
-  links.set();
-  links.reset(3).reset(4).reset(5);
-  const std::vector<std::size_t> tokens = visible_tokens(links);
-  ASSERT_EQ(tokens.size(), 120u);
-  EXPECT_TRUE(std::is_sorted(tokens.begin(), tokens.end()));
-  for (const std::size_t token : tokens) EXPECT_TRUE(token % 9 < 3 || token % 9 > 5);
 }
 
 TEST(Reference, TokenHasTheChannelsOfItsSampleAndLink) {

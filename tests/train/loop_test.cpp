@@ -265,7 +265,7 @@ TEST_F(Runs, StepsSeeAFewSamplesAtFirstAndAllInTheEnd) {
   settings_.finetune.samples = 5;
   settings_.finetune.all_samples_from = 0.5;
   const std::array<std::uint64_t, 3> windows = {4, 9, 2};
-  const at::Tensor early = surviving_tokens(settings_, {50, 100, 3}, windows);
+  const at::Tensor early = surviving_tokens(settings_, {50, 100, 3}, windows).tokens;
   ASSERT_EQ(early.sizes(), at::IntArrayRef({3, 5 * static_cast<std::int64_t>(kLinks)}));
   for (int w = 0; w < 3; ++w) {
     std::set<std::int64_t> samples;
@@ -284,14 +284,15 @@ TEST_F(Runs, StepsSeeAFewSamplesAtFirstAndAllInTheEnd) {
       EXPECT_EQ(sample / 4, fifth++) << "one of each part of the window";
   }
   EXPECT_FALSE(early[0].equal(early[1]));
-  EXPECT_TRUE(early.equal(surviving_tokens(settings_, {49, 100, 3}, windows)));  // by epoch and window alone
-  EXPECT_FALSE(early.equal(surviving_tokens(settings_, {50, 100, 4}, windows)));
-  EXPECT_FALSE(surviving_tokens(settings_, {51, 100, 3}, windows).defined());
+  EXPECT_TRUE(
+      early.equal(surviving_tokens(settings_, {49, 100, 3}, windows).tokens));  // by epoch and window alone
+  EXPECT_FALSE(early.equal(surviving_tokens(settings_, {50, 100, 4}, windows).tokens));
+  EXPECT_FALSE(surviving_tokens(settings_, {51, 100, 3}, windows).tokens.defined());
 
   settings_.finetune.lose_two_receivers = 1;
-  const at::Tensor one_receiver = surviving_tokens(settings_, {50, 100, 3}, windows);
+  const at::Tensor one_receiver = surviving_tokens(settings_, {50, 100, 3}, windows).tokens;
   EXPECT_EQ(one_receiver.size(1), 5 * static_cast<std::int64_t>(kAntennas));
-  EXPECT_EQ(surviving_tokens(settings_, {51, 100, 3}, windows).size(1),
+  EXPECT_EQ(surviving_tokens(settings_, {51, 100, 3}, windows).tokens.size(1),
             static_cast<std::int64_t>(kSamples * kAntennas));
 }
 
@@ -427,6 +428,7 @@ TEST_F(Runs, WindowsAreScaledByTheirInstallations) {
   for (const bool told : {false, true}) {
     NetworkConfig config = preset_config("micro");
     config.background_conditioning = told;
+    config.receiver_tokens = told;
     pool.give_for(config);
     Weights weights = untrained_weights(config, 1);
     set_normalisation(weights, scaling);
@@ -443,6 +445,31 @@ TEST_F(Runs, WindowsAreScaledByTheirInstallations) {
         ASSERT_NEAR(ours[i].item<float>(), theirs.poses[static_cast<std::size_t>(i)], 1e-4);
     }
   }
+}
+
+TEST_F(Runs, ReceiverTokensLoseLinksWithinThem) {
+  settings_.network.receiver_tokens = true;
+  settings_.finetune.lose_receiver = settings_.finetune.lose_two_receivers = 0;
+  settings_.finetune.lose_links = 1;
+  settings_.finetune.samples = 20;
+  const std::array<std::uint64_t, 5> windows = {4, 9, 2, 11, 30};
+  std::set<std::int64_t> lost;
+  for (std::uint64_t epoch = 0; epoch < 30; ++epoch) {
+    const Survivors left = surviving_tokens(settings_, {1, 10, epoch}, windows);
+    ASSERT_EQ(left.tokens.sizes(), at::IntArrayRef({5, 60}));
+    for (int w = 0; w < 5; ++w) {
+      const at::Tensor receivers = left.links[w].view({3, 3}).sum(1);
+      EXPECT_GE(receivers.min().item<float>(), 1) << "a receiver without links is another failure";
+      lost.insert(9 - left.links[w].sum().item<std::int64_t>());
+    }
+  }
+  EXPECT_EQ(lost, (std::set<std::int64_t>{1, 2, 3}));
+
+  settings_.finetune.lose_links = 0;
+  settings_.finetune.lose_receiver = 1;
+  const Survivors left = surviving_tokens(settings_, {1, 10, 0}, windows);
+  EXPECT_EQ(left.tokens.sizes(), at::IntArrayRef({5, 40}));
+  EXPECT_FALSE(left.links.defined());
 }
 
 // What was learnt without being told of backgrounds goes on as it was, and learns of them.

@@ -457,7 +457,7 @@ TEST(Masks, TokensOfLinksAndTimesAreTheGoldenOnes) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden_masks = golden_json("masks/cases.json");
   for (const auto& one : golden_masks["cases"]) {
-    const TokenList of_links = tokens_of_links(one["links"].get<std::vector<std::size_t>>());
+    const TokenList of_links = tokens_of_columns(one["links"].get<std::vector<std::size_t>>());
     const TokenList of_times = tokens_of_times(one["times"].get<std::vector<std::size_t>>());
     EXPECT_EQ(of_links, one["link_target"].get<TokenList>());
     EXPECT_EQ(other_tokens(of_links), one["link_context"].get<TokenList>());
@@ -489,6 +489,30 @@ TEST(Masks, OfAnEpochAndSampleDoNotDependOnTheBatch) {
               draw_masks(masking, 1, 2, kSamplesDrawn).targets[0][4]);
     EXPECT_NE(draw_masks(masking, 1, 3, alone).targets[0][0], draw_masks(masking, 1, 2, alone).targets[0][0]);
   }
+}
+
+TEST(Masks, OfReceiverTokensHideWholeReceiversOrSamples) {
+  std::set<std::int64_t> shown;
+  for (const auto& [masking, hidden] : {std::pair{Masking::link, 40u}, std::pair{Masking::time, 36u}}) {
+    const BatchMasks masks = draw_receiver_masks(masking, 1, 2, kSamplesDrawn);
+    for (std::size_t i = 0; i < kSamplesDrawn.size(); ++i) {
+      ASSERT_EQ(masks.targets[0][i].size(), hidden);
+      EXPECT_TRUE(std::is_sorted(masks.targets[0][i].begin(), masks.targets[0][i].end()));
+      EXPECT_EQ(masks.context[i], other_tokens(masks.targets[0][i], 60));
+      for (const std::int64_t token : masks.context[i]) {
+        if (masking == Masking::link) {
+          EXPECT_EQ(token % 3, masks.context[i].front() % 3) << "one receiver is seen";
+        } else {
+          EXPECT_EQ(std::ranges::count(masks.context[i], token / 3 * 3 + 2), 1) << "all of a sample are";
+        }
+      }
+      if (masking == Masking::link) shown.insert(masks.context[i].front() % 3);
+    }
+    EXPECT_EQ(draw_receiver_masks(masking, 1, 2, std::array<std::uint64_t, 1>{100}).targets[0][0],
+              masks.targets[0][4]);
+  }
+  EXPECT_GT(shown.size(), 1u);
+  EXPECT_THROW(draw_receiver_masks(Masking::random, 1, 2, kSamplesDrawn), SetupError);
 }
 
 TEST(Masks, OfFlatTokensHideTheColumnsThatFiveLinksOwn) {
