@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <map>
 #include <set>
@@ -100,6 +101,11 @@ std::uint64_t Pool::clip(std::size_t i) const {
   return (static_cast<std::uint64_t>(source) << 48) ^ sources_[source]->clip(window);
 }
 
+std::string Pool::installation(std::size_t i) const {
+  const auto [source, window] = locate(i);
+  return sources_[source]->room(window);
+}
+
 ScaledBy scaled_by(const std::string& norm) {
   if (norm == "pooled") return ScaledBy::all;
   return norm == "background" ? ScaledBy::background : ScaledBy::set;
@@ -142,43 +148,67 @@ void Pool::give_for(const NetworkConfig& config) {
   given_.flat_tokens = false;
 }
 
-at::Tensor Pool::tokens(std::span<const std::uint64_t> windows) const {
+void Pool::write_tokens_of(std::uint64_t window, std::span<float> tokens) const {
+  std::vector<float> x(kWindowNumbers);
+  const auto [source, i] = locate(window);
+  sources_[source]->read(i, x);
+  write_tokens(given_, scaling_[source], background_of(scaling_[source], sources_[source]->room(i), x), x,
+               LinkSet().set(), tokens);
+}
+
+/// What tokens say of the installation stays what it is.
+void Pool::add_departures(std::uint64_t window, std::span<float> tokens) const {
+  std::vector<float> others(tokens.size());
+  write_tokens_of(window, others);
+  for (std::size_t link = 0; link < tokens.size(); link += given_.link_numbers())
+    for (std::size_t c = link; c < link + kChannels; ++c) tokens[c] += others[c];
+}
+
+at::Tensor Pool::tokens(std::span<const std::uint64_t> windows, const Added& added) const {
+  assert(added.empty() || (added.size() == windows.size() && !flat_));
   const auto count = static_cast<std::int64_t>(windows.size());
   const std::size_t rows = given_.token_grid().size(), of_window = rows * given_.token_numbers();
   at::Tensor out =
       at::empty({count, static_cast<std::int64_t>(rows), static_cast<std::int64_t>(given_.token_numbers())});
   float* numbers = out.data_ptr<float>();
   at::parallel_for(0, count, 8, [&](std::int64_t from, std::int64_t to) {
-    std::vector<float> x(kWindowNumbers);
     for (std::int64_t b = from; b < to; ++b) {
-      const auto [source, window] = locate(windows[static_cast<std::size_t>(b)]);
-      sources_[source]->read(window, x);
-      const LinkSet all = LinkSet().set();
-      write_tokens(given_, scaling_[source],
-                   background_of(scaling_[source], sources_[source]->room(window), x), x, all,
-                   {numbers + b * static_cast<std::int64_t>(of_window), of_window});
+      const auto row = static_cast<std::size_t>(b);
+      const std::span<float> here(numbers + row * of_window, of_window);
+      write_tokens_of(windows[row], here);
+      for (const std::uint64_t other : added.empty() ? std::vector<std::uint64_t>() : added[row])
+        add_departures(other, here);
     }
   });
   return (flat_ ? flat_tokens_of(out) : out).to(device_);
 }
 
-People Pool::people_of(std::span<const std::uint64_t> windows) const {
-  People out;
-  std::int64_t most = 0;
-  for (const std::uint64_t window : windows) {
-    out.count.push_back(static_cast<std::int64_t>(people(window).size()));
-    most = std::max(most, out.count.back());
-  }
-  out.poses = at::zeros({static_cast<std::int64_t>(windows.size()), most, kPoseWidth});
-  float* numbers = out.poses.data_ptr<float>();
+People Pool::people_of(std::span<const std::uint64_t> windows, const Added& added) const {
+  std::vector<std::vector<Skeleton>> all;
+  std::size_t most = 0;
   for (std::size_t b = 0; b < windows.size(); ++b) {
-    float* pose = numbers + static_cast<std::int64_t>(b) * most * kPoseWidth;
-    for (const Skeleton& person : people(windows[b]))
+    const std::span<const Skeleton> own = people(windows[b]);
+    all.emplace_back(own.begin(), own.end());
+    for (const std::uint64_t other : added.empty() ? std::vector<std::uint64_t>() : added[b]) {
+      const std::span<const Skeleton> more = people(other);
+      all.back().insert(all.back().end(), more.begin(), more.end());
+    }
+    most = std::max(most, all.back().size());
+  }
+  People out;
+  out.poses =
+      at::zeros({static_cast<std::int64_t>(windows.size()), static_cast<std::int64_t>(most), kPoseWidth});
+  float* pose = out.poses.data_ptr<float>();
+  for (const std::vector<Skeleton>& there : all) {
+    out.count.push_back(static_cast<std::int64_t>(there.size()));
+    float* number = pose;
+    for (const Skeleton& person : there)
       for (const Point3& joint : person) {
-        *pose++ = joint.x;
-        *pose++ = joint.y;
-        *pose++ = joint.z;
+        *number++ = joint.x;
+        *number++ = joint.y;
+        *number++ = joint.z;
       }
+    pose += most * kPoseWidth;
   }
   out.poses = out.poses.to(device_);
   return out;

@@ -21,6 +21,9 @@ enum class ScaledBy { set, all, background };
 /// As data.norm names them.
 ScaledBy scaled_by(const std::string& norm);
 
+/// For each window of a batch, the windows whose people are added to it.
+using Added = std::vector<std::vector<std::uint64_t>>;
+
 /// Several data sets as one, each with its own scaling.
 class Pool {
  public:
@@ -35,6 +38,8 @@ class Pool {
   void require_samples(std::size_t wanted, std::string_view what) const;
   /// Distinct for clips of different sources.
   std::uint64_t clip(std::size_t i) const;
+  /// Name of the window's installation.
+  std::string installation(std::size_t i) const;
 
   /// Measures on those of the sources' windows that `windows` names. Throws SetupError (bad_data): numbers that do not vary.
   void measure_scaling(std::span<const std::uint64_t> windows, ScaledBy by = ScaledBy::set);
@@ -48,11 +53,15 @@ class Pool {
   /// and there are none.
   void give_for(const NetworkConfig& config);
   /// Tokens (windows, as the grid, NetworkConfig::token_numbers()), scaled; against the background of the installation that the set names, where it is known.
-  at::Tensor tokens(std::span<const std::uint64_t> windows) const;
-  People people_of(std::span<const std::uint64_t> windows) const;
+  /// To those of each window, the departures of the windows added[b] are added, all of the same installation: what its channel would
+  /// be with the people of all of them, but for their shadows on each other. `added` may be empty; not of flat tokens.
+  at::Tensor tokens(std::span<const std::uint64_t> windows, const Added& added = {}) const;
+  People people_of(std::span<const std::uint64_t> windows, const Added& added = {}) const;
 
  private:
   std::pair<std::size_t, std::size_t> locate(std::size_t i) const;
+  void write_tokens_of(std::uint64_t window, std::span<float> tokens) const;
+  void add_departures(std::uint64_t window, std::span<float> tokens) const;
 
   std::vector<std::shared_ptr<const WindowSource>> sources_;
   std::vector<std::size_t> first_;  // of each source, and the end

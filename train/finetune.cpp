@@ -181,12 +181,14 @@ class Poses3d : public Objective {
   at::Tensor loss(std::span<const std::uint64_t> windows, const Moment& now, Figures& figures) override {
     if (sigma_phase(now) && now.step == pose_steps(settings_, now) + 1) begin_sigma_phase();
     seed_dropout(now);
-    at::Tensor tokens = pool_.tokens(windows);
+    const Added added =
+        sigma_phase(now) ? Added() : added_people(settings_, pool_, split_.train, now, windows);
+    at::Tensor tokens = pool_.tokens(windows, added);
     Survivors survivors = surviving_tokens(settings_, now, windows);
     if (survivors.links.defined()) silence(tokens, survivors.links);
     at::Tensor left = survivors.tokens;
     if (left.defined()) left = left.to(tokens.device());
-    const People people = pool_.people_of(windows);
+    const People people = pool_.people_of(windows, added);
     const double matched = workers_.average(matched_people(people, left));
     if (sigma_phase(now)) return sigma_only(tokens, left, people, matched);
     const at::Tensor features = encoded(tokens, left);
@@ -397,6 +399,32 @@ double oracle_error_m(const Parameters& weights, const NetworkConfig& config, co
   return metrics.all().frame_mean.mpjpe / 1000;
 }
 
+Added added_people(const RunSettings& settings, const Pool& pool, std::span<const std::uint64_t> from,
+                   const Moment& now, std::span<const std::uint64_t> windows) {
+  if (settings.finetune.overlay == 0) return {};
+  constexpr int kTries = 60;  // other installations are drawn as well, and more people than may be added
+  const auto most = static_cast<std::size_t>(settings.finetune.overlay_people);
+  Added added(windows.size());
+  for (std::size_t b = 0; b < windows.size(); ++b) {
+    SeededRandom random(static_cast<std::uint64_t>(settings.run.seed), "overlay", {now.epoch, windows[b]});
+    const std::string installation = pool.installation(windows[b]);
+    std::size_t people = pool.people(windows[b]).size();
+    for (int tries = 0; tries < kTries && people < most && random.uniform() < settings.finetune.overlay;) {
+      std::uint64_t other = 0;
+      std::size_t more = 0;
+      do {
+        other = from[random.index(from.size())];
+        more = pool.people(other).size();
+      } while (++tries < kTries &&
+               (more == 0 || people + more > most || pool.installation(other) != installation));
+      if (tries == kTries) break;
+      added[b].push_back(other);
+      people += more;
+    }
+  }
+  return added;
+}
+
 Survivors surviving_tokens(const RunSettings& settings, const Moment& now,
                            std::span<const std::uint64_t> windows) {
   const auto seed = static_cast<std::uint64_t>(settings.run.seed);
@@ -442,6 +470,11 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
   if (network_of_poses(settings).joint_sigma)
     plan.epochs += static_cast<std::uint64_t>(settings.finetune.sigma_epochs);
   scale(pool, split, settings);
+  if (settings.finetune.overlay > 0 && pool.scaling().front().backgrounds.empty())
+    throw SetupError(
+        ExitStatus::bad_config,
+        "finetune.overlay adds departures from a background, and none is known; set data.norm to "
+        "\"background\", or to \"init\" with a file that has them");
   pool.give_for(network_of_poses(settings));
   const at::Device device = device_of(settings, workers);
   const Numerics numerics = choose_numerics(settings, resumed, device);

@@ -19,6 +19,10 @@ Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers
 double oracle_error_m(const Parameters& weights, const NetworkConfig& config, const Pool& pool,
                       std::span<const std::uint64_t> windows, const Numerics& numerics);
 
+/// finetune.overlay: the windows, of `from`, whose people are added to each of a batch. Drawn by epoch and window alone.
+Added added_people(const RunSettings& settings, const Pool& pool, std::span<const std::uint64_t> from,
+                   const Moment& now, std::span<const std::uint64_t> windows);
+
 /// What remains of each window when samples are left out, and receivers or links fail.
 struct Survivors {
   /// (windows, n): a batch loses as many in each window, in each others. Undefined when all remain.

@@ -210,6 +210,20 @@ const std::vector<Key>& keys() {
        {},
        "weight of a plainer answer from the tokens' mean, which teaches the encoder and does not ship; 0: "
        "none"},
+      {"finetune.overlay",
+       FIELD(finetune.overlay),
+       0,
+       1,
+       {},
+       "share of the windows to which the people of another one of the same installation are added, by "
+       "adding up how both "
+       "depart from the background; of these the same share gets a third one's, and so on"},
+      {"finetune.overlay_people",
+       FIELD(finetune.overlay_people),
+       2,
+       100,
+       {},
+       "as long as there are no more people than these"},
       {"finetune.map",
        FIELD(finetune.map),
        0,

@@ -56,7 +56,8 @@ struct RunSettings {
     double lr = 0, encoder_lr = 0, warm_up = 0.05;
     std::string schedule = "auto";
     double weight_decay = 1e-4, clip = 0.1, dropout = 0.1;
-    double cls = 4, kpt = 70, refine = 70, root_relative = 0, ordered = 1, map = 0;
+    double cls = 4, kpt = 70, refine = 70, root_relative = 0, ordered = 1, overlay = 0, map = 0;
+    int overlay_people = 3;
     std::string error = "squared";
     bool proposal_bias = true, freeze_encoder = false, encoder_only = false;
     double lose_receiver = 0.2, lose_two_receivers = 0.05, lose_links = 0.1;

@@ -447,6 +447,57 @@ TEST_F(Runs, WindowsAreScaledByTheirInstallations) {
   }
 }
 
+// ---- the people of several windows at once ----
+
+TEST_F(Runs, DeparturesOfOneInstallationAddUp) {
+  Pool pool({std::make_shared<Installed>(50, 1, 0.2, "here"),
+             std::make_shared<Installed>(50, 3, 2.5, "elsewhere")});
+  std::vector<std::uint64_t> all(pool.size());
+  std::iota(all.begin(), all.end(), std::uint64_t{0});
+  pool.measure_scaling(all, ScaledBy::background);
+  NetworkConfig config = preset_config("micro");
+  config.background_conditioning = config.receiver_tokens = true;
+  pool.give_for(config);
+  const std::array<std::uint64_t, 2> windows = {3, 60};
+  const Added added = {{7, 9}, {}};
+  const std::array<std::uint64_t, 3> each = {3, 7, 9};
+  const at::Tensor one_by_one = pool.tokens(each).view({3, 180, 2, kChannels}),
+                   together = pool.tokens(windows, added).view({2, 180, 2, kChannels});
+  const auto off = [](const at::Tensor& a, const at::Tensor& b) { return (a - b).abs().max().item<float>(); };
+  EXPECT_LT(off(together[0].select(1, 0), one_by_one.select(2, 0).sum(0)), 1e-4f);
+  EXPECT_EQ(off(together[0].select(1, 1), one_by_one[0].select(1, 1)), 0) << "of the installation, as it is";
+  EXPECT_TRUE(together[1].flatten().equal(pool.tokens(windows)[1].flatten()));
+
+  const People people = pool.people_of(windows, added);
+  ASSERT_EQ(people.count, (std::vector<std::int64_t>{3, 1}));
+  const People apart = pool.people_of(each);
+  for (std::int64_t p = 0; p < 3; ++p) EXPECT_TRUE(people.poses[0][p].equal(apart.poses[p][0])) << p;
+}
+
+TEST_F(Runs, PeopleAreAddedWithinAnInstallationAndToALimit) {
+  Pool pool({std::make_shared<Installed>(50, 1, 0.2, "here"),
+             std::make_shared<Installed>(50, 3, 2.5, "elsewhere")});
+  std::vector<std::uint64_t> all(pool.size());
+  std::iota(all.begin(), all.end(), std::uint64_t{0});
+  EXPECT_TRUE(added_people(settings_, pool, all, {1, 10, 0}, all).empty()) << "unless it is asked for";
+  settings_.finetune.overlay = 0.5;
+  const Added added = added_people(settings_, pool, all, {1, 10, 0}, all);
+  std::map<std::size_t, int> counts;
+  for (std::size_t b = 0; b < all.size(); ++b) {
+    ++counts[added[b].size()];
+    for (const std::uint64_t other : added[b]) EXPECT_EQ(other < 50, b < 50) << "of the other installation";
+  }
+  EXPECT_EQ(counts.size(), 3u);  // none, one, two added to the one who is there
+  EXPECT_NEAR(counts[0], 50, 20);
+  EXPECT_NEAR(counts[2], 25, 15);
+  EXPECT_EQ(added_people(settings_, pool, all, {2, 10, 0}, std::array{std::uint64_t{8}})[0], added[8])
+      << "by epoch and window alone";
+  EXPECT_NE(added_people(settings_, pool, all, {1, 10, 1}, all), added);
+
+  settings_.data.norm = "corpus";
+  EXPECT_THROW(finetune(settings_, pool, Workers()), SetupError) << "no background to depart from";
+}
+
 TEST_F(Runs, ReceiverTokensLoseLinksWithinThem) {
   settings_.network.receiver_tokens = true;
   settings_.finetune.lose_receiver = settings_.finetune.lose_two_receivers = 0;
