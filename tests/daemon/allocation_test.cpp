@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cerrno>
+#include <cstdint>
+#include <cstdlib>
 #include <cstring>
 #include <memory>
 #include <string>
@@ -18,7 +21,7 @@ namespace {
 void make_and_free_small_objects() {
   std::vector<std::unique_ptr<char[]>> objects;
   objects.reserve(8);
-  for (std::size_t size : {1, 16, 24, 25, 40, 104, 200, 264}) {
+  for (std::size_t size : {1, 16, 24, 25, 104, 264, 304, 520}) {
     objects.push_back(std::make_unique<char[]>(size));
     std::memset(objects.back().get(), 0x5a, size);
   }
@@ -43,7 +46,7 @@ TEST(LoopAllocator, CountsWhatItMustTakeFromMalloc) {
 }
 
 TEST(LoopAllocator, BlocksOfOneSizeAreDistinctAndKeepTheirBytes) {
-  for (std::size_t size = 1; size <= 300; ++size) {
+  for (std::size_t size = 1; size <= 600; ++size) {
     std::vector<std::string> texts;
     for (char c = 'a'; c <= 'z'; ++c) texts.push_back(std::string(size, c));
     for (char c = 'a'; c <= 'z'; ++c)
@@ -58,6 +61,66 @@ TEST(LoopAllocator, BlocksMayBeFreedByAnotherThread) {
   }).join();
   for (int i = 0; i < 1000; ++i) EXPECT_EQ(*made[static_cast<std::size_t>(i)], i);
   made.clear();
+}
+
+/// Freed with what frees any block.
+std::unique_ptr<void, decltype(&std::free)> page_aligned(std::size_t size) {
+  void* memory = nullptr;
+  EXPECT_EQ(posix_memalign(&memory, 4096, size), 0);
+  EXPECT_EQ(reinterpret_cast<std::uintptr_t>(memory) % 4096, 0u);
+  std::memset(memory, 0x5a, size);
+  return {memory, &std::free};
+}
+
+TEST(LoopAllocator, ServesPageAlignedBlocksAgain) {
+  NEEDS_OUR_OPERATOR_NEW();
+  const auto work = [] {
+    const auto large = page_aligned(300'000), small = page_aligned(16'640);
+    EXPECT_NE(large, small);
+  };
+  work();
+  const AllocationCounts before = allocations_of_this_thread();
+  for (int i = 0; i < 1000; ++i) work();
+  const AllocationCounts after = allocations_of_this_thread();
+  EXPECT_EQ(after.requests - before.requests, 2000u);
+  EXPECT_EQ(after.from_malloc - before.from_malloc, 0u);
+}
+
+TEST(LoopAllocator, KeepsFewPageAlignedBlocksTheLargestButNoneThatIsHuge) {
+  NEEDS_OUR_OPERATOR_NEW();
+  std::vector<std::unique_ptr<void, decltype(&std::free)>> blocks;
+  blocks.reserve(40);
+  const auto taken_from_malloc = [&](int count, std::size_t size) {
+    const std::uint64_t before = allocations_of_this_thread().from_malloc;
+    for (int i = 0; i < count; ++i) blocks.push_back(page_aligned(size));
+    const std::uint64_t taken = allocations_of_this_thread().from_malloc - before;
+    blocks.clear();
+    return taken;
+  };
+  taken_from_malloc(20, 400'000);
+  EXPECT_EQ(taken_from_malloc(20, 400'000), 12u);
+  taken_from_malloc(20, 8192);  // are not kept where larger ones are
+  EXPECT_EQ(taken_from_malloc(20, 400'000), 12u);
+  EXPECT_EQ(taken_from_malloc(1, 2 << 20), 1u);
+  EXPECT_EQ(taken_from_malloc(1, 2 << 20), 1u);
+}
+
+TEST(LoopAllocator, OtherAlignmentsAreGivenToo) {
+  for (std::size_t alignment = sizeof(void*); alignment <= 65536; alignment *= 2) {
+    void* memory = nullptr;
+    ASSERT_EQ(posix_memalign(&memory, alignment, 100), 0);
+    EXPECT_EQ(reinterpret_cast<std::uintptr_t>(memory) % alignment, 0u);
+    std::free(memory);
+  }
+  void* memory = nullptr;
+  EXPECT_EQ(posix_memalign(&memory, 24, 100), EINVAL);
+}
+
+TEST(LoopAllocator, PageAlignedBlocksMayBeFreedByAnotherThread) {
+  for (int i = 0; i < 100; ++i) {
+    auto block = page_aligned(5000);
+    std::thread([&] { block.reset(); }).join();
+  }
 }
 
 }  // namespace
