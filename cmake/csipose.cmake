@@ -9,8 +9,8 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LES
   target_compile_options(csipose_flags INTERFACE -Wno-restrict -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
 endif()
 
-# The sanitizers' presets and all command lines compile several files of a target as one, in half the time; so the names in
-# anonymous namespaces are unique within a target. GCC takes a file that is included for a header, where a type of an
+# All presets but dev, and all command lines, compile several files of a target as one, in little more than half the time; so
+# the names in anonymous namespaces are unique within a target. GCC takes a file that is included for a header, where a type of an
 # anonymous namespace would be a mistake.
 set(CSIPOSE_UNITY_FLAGS $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
 if(CMAKE_UNITY_BUILD)
