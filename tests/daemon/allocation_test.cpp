@@ -106,6 +106,7 @@ TEST(LoopAllocator, KeepsFewPageAlignedBlocksTheLargestButNoneThatIsHuge) {
 }
 
 TEST(LoopAllocator, OtherAlignmentsAreGivenToo) {
+  NEEDS_OUR_OPERATOR_NEW();
   for (std::size_t alignment = sizeof(void*); alignment <= 65536; alignment *= 2) {
     void* memory = nullptr;
     ASSERT_EQ(posix_memalign(&memory, alignment, 100), 0);
