@@ -44,37 +44,66 @@ function(csipose_command_lines)
   endforeach()
 endfunction()
 
-# csipose_test(NAME FILE... [THREADS] LIBRARIES LIB...): one GoogleTest program, one line of ctest.
-# What every test includes is compiled once; test code itself is not worth optimising, and with clang's sanitizers that would
-# be most of its compilation.
-# THREADS: more than one thread runs in it, or in a program that it starts. The thread sanitizer's build makes these alone.
-set(CSIPOSE_TEST_FLAGS $<IF:$<CONFIG:Release>,-O1,-O0>)
+# Tests are GoogleTest programs, each file of them a line of ctest.
+#   csipose_tests(PROGRAM FOLDER FILES NAME... LIBRARIES LIB...): NAME_test.cpp .. in one program, each the line FOLDER_NAME_test:
+#     compiled together they take less than half the time.
+#   csipose_test(NAME FILE [THREADS] LIBRARIES LIB...): a program of its own, for what replaces malloc, runs on lesser
+#     processors too, or needs flags. THREADS: more than one thread runs in it, or in a program that it starts; the thread
+#     sanitizer's build makes these alone.
+# What every test includes is compiled once; test code itself is not worth optimising: that would be a third of its compilation.
 if(CSIPOSE_TESTS)
   add_custom_target(csipose_tests)  # every test that this build runs, with the programs that tests start
   find_package(GTest REQUIRED)
   find_package(fmt REQUIRED)
   file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp CONTENT "")
   add_library(csipose_test_headers OBJECT ${CMAKE_BINARY_DIR}/generated/test_headers.cpp)
-  target_compile_options(csipose_test_headers PRIVATE ${CSIPOSE_TEST_FLAGS})
+  target_compile_options(csipose_test_headers PRIVATE -O0)
   target_link_libraries(csipose_test_headers PRIVATE csipose_flags fmt::fmt GTest::gtest)
   target_precompile_headers(csipose_test_headers PRIVATE <gtest/gtest.h> <fmt/format.h> <filesystem> <fstream> <random>)
 endif()
-function(csipose_test name)
-  cmake_parse_arguments(ARG "THREADS" "" "LIBRARIES" ${ARGN})
-  add_executable(${name} ${ARG_UNPARSED_ARGUMENTS})
-  target_compile_options(${name} PRIVATE ${CSIPOSE_TEST_FLAGS})
+function(csipose_test_program name)
+  cmake_parse_arguments(ARG "" "" "FILES;LIBRARIES" ${ARGN})
+  add_executable(${name} ${ARG_FILES})
+  target_compile_options(${name} PRIVATE -O0)
   target_link_libraries(${name} PRIVATE csipose_flags ${ARG_LIBRARIES} fmt::fmt GTest::gtest GTest::gtest_main)
   target_precompile_headers(${name} REUSE_FROM csipose_test_headers)
   target_compile_definitions(${name} PRIVATE
     CSIPOSE_SHARED_DATA="${CSIPOSE_SHARED_DATA}" CSIPOSE_TEST_DATA="${CMAKE_SOURCE_DIR}/tests/data"
     CSIPOSE_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
+endfunction()
+function(csipose_test name)
+  cmake_parse_arguments(ARG "THREADS" "" "LIBRARIES" ${ARGN})
+  csipose_test_program(${name} FILES ${ARG_UNPARSED_ARGUMENTS} LIBRARIES ${ARG_LIBRARIES})
   if(CSIPOSE_SANITIZE MATCHES thread AND NOT ARG_THREADS)
     set_target_properties(${name} PROPERTIES EXCLUDE_FROM_ALL ON)
   else()
     add_test(NAME ${name} COMMAND ${name})
     add_dependencies(csipose_tests ${name})
   endif()
+endfunction()
+function(csipose_tests program folder)
+  cmake_parse_arguments(ARG "" "" "FILES;LIBRARIES" ${ARGN})
+  list(TRANSFORM ARG_FILES APPEND _test.cpp OUTPUT_VARIABLE files)
+  csipose_test_program(${program} FILES ${files} LIBRARIES ${ARG_LIBRARIES})
+  if(CSIPOSE_SANITIZE MATCHES thread)
+    set_target_properties(${program} PROPERTIES EXCLUDE_FROM_ALL ON)
+    return()
+  endif()
+  add_dependencies(csipose_tests ${program})
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${files})
+  foreach(file ${ARG_FILES})
+    file(STRINGS ${file}_test.cpp suites REGEX "^TEST(_F|_P)?\\(")
+    list(TRANSFORM suites REPLACE "^TEST[_FP]*\\(([A-Za-z0-9_]+).*" "\\1")
+    list(REMOVE_DUPLICATES suites)
+    if(NOT suites)
+      message(FATAL_ERROR "${file}_test.cpp has no test")
+    endif()
+    list(TRANSFORM suites REPLACE "(.+)" "\\1.*:*/\\1.*" OUTPUT_VARIABLE filter)
+    list(JOIN filter ":" filter)
+    string(REPLACE "/" "_" line ${folder}_${file}_test)
+    add_test(NAME ${line} COMMAND ${program} --gtest_filter=${filter})
+  endforeach()
 endfunction()
 
 # csipose_fuzz(NAME FILE LIBRARIES LIB...): FILE defines LLVMFuzzerTestOneInput. With CSIPOSE_FUZZ it is a libFuzzer

@@ -8,7 +8,7 @@ namespace {
 using Bytes = std::vector<std::uint8_t>;
 Bytes record(std::uint8_t code, std::uint8_t mark) { return {0, 2, code, mark}; }
 Bytes copy(ByteView view) { return {view.begin(), view.end()}; }
-Bytes joined(Bytes a, const Bytes& b) {
+Bytes one_after_other(Bytes a, const Bytes& b) {
   a.insert(a.end(), b.begin(), b.end());
   return a;
 }
@@ -16,7 +16,7 @@ Bytes joined(Bytes a, const Bytes& b) {
 TEST(FramePairer, JoinsAFrameWithTheCsiAfterIt) {
   FramePairer pairer;
   EXPECT_TRUE(pairer.add(record(0xC1, 1)).empty());
-  EXPECT_EQ(copy(pairer.add(record(0xBB, 2))), joined(record(0xC1, 1), record(0xBB, 2)));
+  EXPECT_EQ(copy(pairer.add(record(0xBB, 2))), one_after_other(record(0xC1, 1), record(0xBB, 2)));
   EXPECT_TRUE(pairer.flush().empty());
 }
 
@@ -30,7 +30,7 @@ TEST(FramePairer, AFrameWithoutCsiComesAlone) {
   FramePairer pairer;
   EXPECT_TRUE(pairer.add(record(0xC1, 1)).empty());
   EXPECT_EQ(copy(pairer.add(record(0xC1, 2))), record(0xC1, 1));
-  EXPECT_EQ(copy(pairer.add(record(0xBB, 3))), joined(record(0xC1, 2), record(0xBB, 3)));
+  EXPECT_EQ(copy(pairer.add(record(0xBB, 3))), one_after_other(record(0xC1, 2), record(0xBB, 3)));
   EXPECT_TRUE(pairer.add(record(0xC1, 4)).empty());
   EXPECT_EQ(copy(pairer.flush()), record(0xC1, 4));
 }
@@ -39,7 +39,7 @@ TEST(FramePairer, OtherCodesDoNotComeBetween) {
   FramePairer pairer;
   pairer.add(record(0xC1, 1));
   EXPECT_TRUE(pairer.add(record(0xD0, 9)).empty());
-  EXPECT_EQ(copy(pairer.add(record(0xBB, 2))), joined(record(0xC1, 1), record(0xBB, 2)));
+  EXPECT_EQ(copy(pairer.add(record(0xBB, 2))), one_after_other(record(0xC1, 1), record(0xBB, 2)));
 }
 
 }  // namespace

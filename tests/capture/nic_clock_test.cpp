@@ -4,10 +4,13 @@
 
 #include <cmath>
 
+#include "tests/capture/moments.h"
+
 namespace csipose {
 namespace {
 
-SteadyTime at(double s) { return SteadyTime{from_seconds(s)}; }
+using testing::at;
+
 std::uint32_t low(double us) { return static_cast<std::uint32_t>(static_cast<std::uint64_t>(us)); }
 
 TEST(NicClock, GoesOnThroughAWrap) {

@@ -3,13 +3,13 @@
 #include <gtest/gtest.h>
 
 #include "tests/capture/made_up_packets.h"
+#include "tests/capture/moments.h"
 
 namespace csipose {
 namespace {
 
+using testing::at;
 using testing::csip_frame;
-
-SteadyTime at(double s) { return SteadyTime{from_seconds(s)}; }
 
 std::vector<std::uint8_t> csi(std::uint16_t bfee_count, std::uint32_t timestamp = 1000,
                               std::uint8_t nrx = 3) {

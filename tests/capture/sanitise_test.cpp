@@ -144,7 +144,7 @@ TEST(Sanitise, SeesAStraightFortyMegahertzChannelAsStraight) {
   EXPECT_GT(worst, 0.3);
 }
 
-class Golden : public ::testing::TestWithParam<const char*> {
+class SanitiseGolden : public ::testing::TestWithParam<const char*> {
  protected:
   std::string base() const { return "csi5300/phase/" + std::string(GetParam()) + "_first100_tx0_"; }
   NpyArray<double> array(const char* what) const {
@@ -172,10 +172,10 @@ class Golden : public ::testing::TestWithParam<const char*> {
     EXPECT_GT(compared, 8900u);
   }
 };
-INSTANTIATE_TEST_SUITE_P(Recordings, Golden, ::testing::Values("sample_0x1_ap", "sample_0x5_64_3000"),
+INSTANTIATE_TEST_SUITE_P(Recordings, SanitiseGolden, ::testing::Values("sample_0x1_ap", "sample_0x5_64_3000"),
                          testing::file_word);
 
-TEST_P(Golden, Input) {
+TEST_P(SanitiseGolden, Input) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = read_npy<std::complex<float>>(testing::shared_data(base() + "input.npy"));
   const auto h = first_hundred();
@@ -185,7 +185,7 @@ TEST_P(Golden, Input) {
       for (const auto& entry : antenna) ASSERT_EQ(std::complex<float>(entry), golden.data[at++]);
 }
 
-TEST_P(Golden, JointAgreesWithPiW3D) {
+TEST_P(SanitiseGolden, JointAgreesWithPiW3D) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = array("piw3d_angle");
   std::vector<StreamPhase> phases;
@@ -195,7 +195,7 @@ TEST_P(Golden, JointAgreesWithPiW3D) {
   });
 }
 
-TEST_P(Golden, JointUnwrappedPhaseAndFit) {
+TEST_P(SanitiseGolden, JointUnwrappedPhaseAndFit) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = array("joint_unwrapped"), fit = array("joint_fit");
   std::vector<StreamPhase> unwrapped;
@@ -209,7 +209,7 @@ TEST_P(Golden, JointUnwrappedPhaseAndFit) {
   });
 }
 
-TEST_P(Golden, PhaseFi) {
+TEST_P(SanitiseGolden, PhaseFi) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = array("phasefi");
   std::vector<StreamPhase> phases;
@@ -235,7 +235,7 @@ bool is_stable(const StreamCsi& h) {
 }
 
 /// The records whose unwrapping hangs on the last bit must be those that the golden list names.
-TEST_P(Golden, SameRecordsAreStable) {
+TEST_P(SanitiseGolden, SameRecordsAreStable) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = read_npy<std::uint8_t>(
       testing::shared_data("csi5300/phase/" + std::string(GetParam()) + "_stable_all.npy"));

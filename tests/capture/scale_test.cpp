@@ -128,14 +128,14 @@ TEST(Scale, UndoesTheMappingOfFortyMegahertz) {
   EXPECT_NEAR(std::abs(h[1]) / expected, 0, 1e-6);
 }
 
-class Golden : public ::testing::TestWithParam<const char*> {
+class ScaleGolden : public ::testing::TestWithParam<const char*> {
  protected:
   std::string base() const { return "csi5300/expected/" + std::string(GetParam()) + "/"; }
   std::vector<CsiRecord> records() const {
     return testing::read_csi(testing::shared_data("csi5300/" + std::string(GetParam()) + ".dat"));
   }
 };
-INSTANTIATE_TEST_SUITE_P(Recordings, Golden,
+INSTANTIATE_TEST_SUITE_P(Recordings, ScaleGolden,
                          ::testing::Values("sample_0x1_ap", "sample_0x5_64_3000", "log.all_csi.6.7.6"),
                          testing::file_word);
 
@@ -162,14 +162,14 @@ double worst_deviation(const std::vector<CsiRecord>& records, const NpyArray<std
   return worst;
 }
 
-TEST_P(Golden, ScaledCsi) {
+TEST_P(ScaleGolden, ScaledCsi) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = read_npy<std::complex<float>>(testing::shared_data(base() + "csi_scaled.npy"));
   EXPECT_LT(worst_deviation(records(), golden, scale_csi), 1e-7);  // asked for: 1e-6
 }
 
 /// With one stream there is no mapping, and the scaled CSI must come out as it is.
-TEST_P(Golden, ScaledCsiWithoutMapping) {
+TEST_P(ScaleGolden, ScaledCsiWithoutMapping) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const bool one_stream = std::string(GetParam()) == "sample_0x5_64_3000";
   const char* array = one_stream ? "csi_scaled.npy" : "csi_scaled_sm.npy";
@@ -177,7 +177,7 @@ TEST_P(Golden, ScaledCsiWithoutMapping) {
   EXPECT_LT(worst_deviation(records(), golden, scale_csi_without_mapping), 1e-7);
 }
 
-TEST_P(Golden, TotalRss) {
+TEST_P(ScaleGolden, TotalRss) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = read_npy<double>(testing::shared_data(base() + "total_rss_dbm.npy"));
   const auto all = records();
@@ -185,7 +185,7 @@ TEST_P(Golden, TotalRss) {
 }
 
 /// per_record_sums.npy: sums of counts, and sums in double of |H| and |H|^2, which hold the factor to 1e-12.
-TEST_P(Golden, SumsInDouble) {
+TEST_P(ScaleGolden, SumsInDouble) {
   CSIPOSE_NEEDS_SHARED_DATA();
   const auto golden = read_npy<double>(testing::shared_data(base() + "per_record_sums.npy"));
   const auto all = records();

@@ -4,14 +4,16 @@
 
 #include <cmath>
 
+#include "tests/capture/moments.h"
+
 namespace csipose {
 namespace {
 
-SteadyTime at(double s) { return SteadyTime{from_seconds(s)}; }
+using testing::at;
 
 /// A transmitter of 300 frames a second since t = 100 s, whose counter begins at `first` and wraps at
 /// `modulus`.
-struct Sender {
+struct CountingSender {
   std::uint64_t first = 0, modulus = 0;
   TxCounter counter(std::int64_t frame) const {
     const std::uint64_t value = first + static_cast<std::uint64_t>(frame);
@@ -28,39 +30,39 @@ std::int64_t place(TransmitLine& line, TxCounter counter, double time_s) {
   return line.slot_of(*placed);
 }
 
-TransmitLine started(const Sender& sender) {
+TransmitLine started(const CountingSender& sender) {
   TransmitLine line(300);
-  line.start(sender.counter(0), 300, 300, at(Sender::time_s(0)));
+  line.start(sender.counter(0), 300, 300, at(CountingSender::time_s(0)));
   return line;
 }
 
-class TransmitLineWraps : public ::testing::TestWithParam<Sender> {};
+class TransmitLineWraps : public ::testing::TestWithParam<CountingSender> {};
 
 TEST_P(TransmitLineWraps, CountsOnThroughWrapsLossesAndSilence) {
   TransmitLine line = started(GetParam());
   for (std::int64_t frame = 0; frame < 30'000; ++frame) {
     if (frame % 7 == 3 || (frame > 2000 && frame < 8000)) continue;  // nobody is heard for 20 s
-    ASSERT_EQ(place(line, GetParam().counter(frame), Sender::time_s(frame)), frame);
+    ASSERT_EQ(place(line, GetParam().counter(frame), CountingSender::time_s(frame)), frame);
   }
   EXPECT_EQ(line.pauses() + line.restarts(), 0U);
   EXPECT_EQ(line.newest_slot(), 29'999);
-  EXPECT_NEAR(seconds(line.time_of(30'300).time_since_epoch()), Sender::time_s(30'300), 1e-6);
-  EXPECT_EQ(line.first_slot_from(at(Sender::time_s(30'300) + 1e-4)), 30'301);
+  EXPECT_NEAR(seconds(line.time_of(30'300).time_since_epoch()), CountingSender::time_s(30'300), 1e-6);
+  EXPECT_EQ(line.first_slot_from(at(CountingSender::time_s(30'300) + 1e-4)), 30'301);
 }
 
 INSTANTIATE_TEST_SUITE_P(, TransmitLineWraps,
-                         ::testing::Values(Sender{0, 0}, Sender{~std::uint64_t{0} - 1000, 0},
-                                           Sender{65'000, 65'536}, Sender{4000, 4096}, Sender{19'000, 20'000},
-                                           Sender{12, 2'000'000}));
+                         ::testing::Values(CountingSender{0, 0}, CountingSender{~std::uint64_t{0} - 1000, 0},
+                                           CountingSender{65'000, 65'536}, CountingSender{4000, 4096},
+                                           CountingSender{19'000, 20'000}, CountingSender{12, 2'000'000}));
 
 TEST(TransmitLine, OldFramesFindTheirPlaceLate) {
-  const Sender sender{.first = 100, .modulus = 4096};
+  const CountingSender sender{.first = 100, .modulus = 4096};
   TransmitLine line = started(sender);
   for (std::int64_t frame = 0; frame < 900; ++frame)
-    place(line, sender.counter(frame), Sender::time_s(frame));
-  EXPECT_EQ(place(line, sender.counter(800), Sender::time_s(899)), 800);
-  EXPECT_EQ(place(line, sender.counter(400), Sender::time_s(899)), 400);
-  EXPECT_EQ(place(line, sender.counter(-5), Sender::time_s(3)), -5);
+    place(line, sender.counter(frame), CountingSender::time_s(frame));
+  EXPECT_EQ(place(line, sender.counter(800), CountingSender::time_s(899)), 800);
+  EXPECT_EQ(place(line, sender.counter(400), CountingSender::time_s(899)), 400);
+  EXPECT_EQ(place(line, sender.counter(-5), CountingSender::time_s(3)), -5);
 }
 
 TEST(TransmitLine, SlotsOfUnequalRates) {
@@ -74,39 +76,41 @@ TEST(TransmitLine, SlotsOfUnequalRates) {
 
 TEST(TransmitLine, APauseMovesTheSlotsOnAndKeepsTheCounters) {
   for (const std::uint64_t modulus : {0U, 4096U, 65'536U}) {
-    const Sender sender{.first = 60, .modulus = modulus};
+    const CountingSender sender{.first = 60, .modulus = modulus};
     TransmitLine line = started(sender);
     for (std::int64_t frame = 0; frame < 600; ++frame)
-      place(line, sender.counter(frame), Sender::time_s(frame));
+      place(line, sender.counter(frame), CountingSender::time_s(frame));
     for (std::int64_t frame = 600; frame < 900; ++frame) {
-      const std::int64_t slot = place(line, sender.counter(frame), Sender::time_s(frame) + 5);
+      const std::int64_t slot = place(line, sender.counter(frame), CountingSender::time_s(frame) + 5);
       EXPECT_NEAR(static_cast<double>(slot), static_cast<double>(frame + 1500), 1) << modulus << " " << frame;
     }
     EXPECT_EQ(line.pauses(), 1U) << modulus;
-    EXPECT_EQ(place(line, sender.counter(599), Sender::time_s(600) + 0.2), 599);  // a straggler from before
+    EXPECT_EQ(place(line, sender.counter(599), CountingSender::time_s(600) + 0.2),
+              599);  // a straggler from before
   }
 }
 
 TEST(TransmitLine, OneReceiverAloneDoesNotRestartIt) {
-  const Sender sender;
+  const CountingSender sender;
   TransmitLine line = started(sender);
   for (std::int64_t frame = 0; frame < 600; ++frame) {
-    place(line, sender.counter(frame), Sender::time_s(frame));
-    EXPECT_EQ(place(line, {.value = static_cast<std::uint64_t>(90'000 + frame)}, Sender::time_s(frame)),
-              -1000);
+    place(line, sender.counter(frame), CountingSender::time_s(frame));
+    EXPECT_EQ(
+        place(line, {.value = static_cast<std::uint64_t>(90'000 + frame)}, CountingSender::time_s(frame)),
+        -1000);
   }
   EXPECT_EQ(line.restarts(), 0U);
 }
 
 TEST(TransmitLine, ARestartOfTheTransmitterIsFollowedAfterEightFrames) {
   for (const std::uint64_t modulus : {0U, 20'000U}) {
-    const Sender before{.first = 9000, .modulus = modulus}, after{.first = 0, .modulus = modulus};
+    const CountingSender before{.first = 9000, .modulus = modulus}, after{.first = 0, .modulus = modulus};
     TransmitLine line = started(before);
     for (std::int64_t frame = 0; frame < 600; ++frame)
-      place(line, before.counter(frame), Sender::time_s(frame));
+      place(line, before.counter(frame), CountingSender::time_s(frame));
     int refused = 0;
     for (std::int64_t frame = 600; frame < 900; ++frame) {
-      const std::int64_t slot = place(line, after.counter(frame - 600), Sender::time_s(frame));
+      const std::int64_t slot = place(line, after.counter(frame - 600), CountingSender::time_s(frame));
       refused += slot == -1000;
       if (slot != -1000) {
         EXPECT_NEAR(static_cast<double>(slot), static_cast<double>(frame), 1);
@@ -118,14 +122,14 @@ TEST(TransmitLine, ARestartOfTheTransmitterIsFollowedAfterEightFrames) {
 }
 
 TEST(TransmitLine, ADamagedCounterIsRefusedOnce) {
-  const Sender sender;
+  const CountingSender sender;
   TransmitLine line = started(sender);
   for (std::int64_t frame = 0; frame < 300; ++frame)
-    place(line, sender.counter(frame), Sender::time_s(frame));
+    place(line, sender.counter(frame), CountingSender::time_s(frame));
   for (const std::uint64_t wrong :
        {~std::uint64_t{0} - 10'000, std::uint64_t{1} << 63, std::uint64_t{1} << 40, std::uint64_t{100'000}})
-    EXPECT_EQ(place(line, {.value = wrong}, Sender::time_s(300)), -1000) << wrong;
-  EXPECT_EQ(place(line, sender.counter(300), Sender::time_s(300)), 300);
+    EXPECT_EQ(place(line, {.value = wrong}, CountingSender::time_s(300)), -1000) << wrong;
+  EXPECT_EQ(place(line, sender.counter(300), CountingSender::time_s(300)), 300);
 }
 
 TEST(TransmitLine, FollowsARateThatIsNearlyTheGrids) {

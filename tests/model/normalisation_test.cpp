@@ -18,13 +18,13 @@ namespace {
 using testing::made_up_background;
 using testing::window_before;
 
-const LinkSet kAll = LinkSet().set();
+const LinkSet kAllLinks = LinkSet().set();
 const NetworkConfig kPlain = preset_config("micro");
 
 TEST(Normalisation, ScalarsGiveMeanAndDeviation) {
   std::vector<float> x(kChannels * kTokens), tokens(x.size());
   for (std::size_t i = 0; i < x.size(); ++i) x[i] = static_cast<float>(i % 101);
-  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, kAll, tokens);
+  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, kAllLinks, tokens);
   for (std::size_t c = 0; c < kChannels; ++c)
     for (std::size_t t = 0; t < kSamples; ++t)
       for (std::size_t l = 0; l < kLinks; ++l) {
@@ -94,7 +94,7 @@ TEST(Departures, AreThoseOfTheDefinition) {
   for (const double size : {0.5, 3., 15.}) {  // beside amplitudes from 10 to 30
     const Sample sample =
         sample_before(background, size, {{{1.1, 0.12, 0.9}, {-2.9, -0.31, 1.2}, {0.4, 0.02, 1}}});
-    for (const LinkSet links : {kAll, LinkSet(0b110111001)}) {
+    for (const LinkSet links : {kAllLinks, LinkSet(0b110111001)}) {
       const Sample expected = slow_departures(background, sample, links),
                    got = departures(background, sample, links);
       for (std::size_t e = 0; e < kElements; ++e) ASSERT_NEAR(got[e], expected[e], 5e-3) << size << ' ' << e;
@@ -105,9 +105,10 @@ TEST(Departures, AreThoseOfTheDefinition) {
 TEST(Departures, AreNothingWhereNobodyIs) {
   const Background background = made_up_background("hall", 3);
   const Sample sample = sample_before(background, 0, {{{3, 0.4, 0.5}, {-1, -0.4, 2}, {}}});
-  for (const float departure : departures(background, sample, kAll)) EXPECT_NEAR(departure, 0, 2e-3);
+  for (const float departure : departures(background, sample, kAllLinks)) EXPECT_NEAR(departure, 0, 2e-3);
   const Sample silent{};
-  for (const float departure : departures(background, silent, kAll)) EXPECT_TRUE(std::isfinite(departure));
+  for (const float departure : departures(background, silent, kAllLinks))
+    EXPECT_TRUE(std::isfinite(departure));
 }
 
 // A packet's detection delay, its carrier's phase and its power, and a cleaning that went a whole turn astray, say nothing of people.
@@ -116,7 +117,7 @@ TEST(Departures, DoNotChangeWithThePacket) {
   const Sample plain = sample_before(background, 3, {}),
                other =
                    sample_before(background, 3, {{{2.1, -0.25, 1.1}, {1.3, 0.21, 0.7}, {-3, 0.105, 1.3}}});
-  const Sample a = departures(background, plain, kAll), b = departures(background, other, kAll);
+  const Sample a = departures(background, plain, kAllLinks), b = departures(background, other, kAllLinks);
   for (std::size_t e = 0; e < kElements; ++e) ASSERT_NEAR(a[e], b[e], 2e-3) << e;
 }
 
@@ -126,13 +127,13 @@ TEST(Departures, DoNotChangeWithTheBranches) {
   const Background one = made_up_background("hall", 3);
   Background other = one;
   Sample sample = sample_before(one, 3, {});
-  const Sample before = departures(one, sample, kAll);
+  const Sample before = departures(one, sample, kAllLinks);
   for (std::size_t e = 0; e < kFirstPhase; ++e)
     for (Sample* numbers : {&sample, &other.response}) {
       (*numbers)[e] *= 1.4f;
       (*numbers)[kFirstPhase + e] += static_cast<float>(e % kLinks);
     }
-  const Sample after = departures(other, sample, kAll);
+  const Sample after = departures(other, sample, kAllLinks);
   for (std::size_t e = 0; e < kElements; ++e) ASSERT_NEAR(after[e] / 1.4f, before[e], 2e-3) << e;
 }
 
@@ -140,11 +141,11 @@ TEST(Normalisation, ABackgroundIsTakenOffByItsDeviations) {
   const Background background = made_up_background("hall", 3);
   const std::vector<float> x = window_before(background, 4);
   std::vector<float> tokens(x.size());
-  write_tokens(kPlain, {}, &background, x, kAll, tokens);
+  write_tokens(kPlain, {}, &background, x, kAllLinks, tokens);
   for (std::size_t t = 0; t < kSamples; ++t) {
     Sample sample;
     for (std::size_t e = 0; e < kElements; ++e) sample[e] = x[Window::index(e / kLinks, t, e % kLinks)];
-    const Sample departed = departures(background, sample, kAll);
+    const Sample departed = departures(background, sample, kAllLinks);
     for (std::size_t e = 0; e < kElements; ++e)
       ASSERT_FLOAT_EQ(tokens[(t * kLinks + e % kLinks) * kChannels + e / kLinks],
                       departed[e] / background.deviation[e]);
@@ -201,8 +202,8 @@ TEST(Normalisation, AReceiversTokenHasItsLinksSideBySide) {
     NetworkConfig of_receivers = of_links;
     of_receivers.receiver_tokens = true;
     std::vector<float> links(kTokens * of_links.token_numbers()), receivers(links.size());
-    write_tokens(of_links, {}, &background, x, kAll, links);
-    write_tokens(of_receivers, {}, &background, x, kAll, receivers);
+    write_tokens(of_links, {}, &background, x, kAllLinks, links);
+    write_tokens(of_receivers, {}, &background, x, kAllLinks, receivers);
     EXPECT_EQ(receivers, links);
 
     const LinkSet some = LinkSet().set(1).set(6).set(8);  // of receivers 0 and 2
@@ -224,10 +225,10 @@ TEST(Normalisation, AReceiversTokenHasItsLinksSideBySide) {
 TEST(Normalisation, SamplesThatAreRepeatedGiveTheSameTokens) {
   const Background background = made_up_background("hall", 3);
   std::vector<float> x = window_before(background, 4), tokens(x.size()), others(x.size());
-  write_tokens(kPlain, {}, &background, x, kAll, others);
+  write_tokens(kPlain, {}, &background, x, kAllLinks, others);
   for (std::size_t c = 0; c < kChannels; ++c)
     std::copy_n(&x[Window::index(c, 6, 0)], kLinks, &x[Window::index(c, 7, 0)]);
-  write_tokens(kPlain, {}, &background, x, kAll, tokens);
+  write_tokens(kPlain, {}, &background, x, kAllLinks, tokens);
   for (std::size_t t = 0; t < kSamples; ++t)
     for (std::size_t i = 0; i < kLinks * kChannels; ++i)
       ASSERT_EQ(tokens[t * kLinks * kChannels + i], others[(t == 7 ? 6 : t) * kLinks * kChannels + i]);
@@ -237,10 +238,10 @@ TEST(Normalisation, LinksThatAreNotThereAreLeftOut) {
   const Background background = made_up_background("hall", 3);
   const std::vector<float> x = window_before(background, 4);
   std::vector<float> all(x.size()), some(kSamples * 2 * kChannels);
-  write_tokens(kPlain, {}, &background, x, kAll, all);
+  write_tokens(kPlain, {}, &background, x, kAllLinks, all);
   write_tokens(kPlain, {}, &background, x, LinkSet().set(1).set(7), some);
   std::vector<float> scaled_all(x.size()), scaled(some.size());
-  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, kAll, scaled_all);
+  write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, kAllLinks, scaled_all);
   write_tokens(kPlain, {3, 2, 4, {}}, nullptr, x, LinkSet().set(1).set(7), scaled);
   for (std::size_t t = 0; t < kSamples; ++t)
     for (std::size_t i = 0; i < 2; ++i)
@@ -257,11 +258,11 @@ TEST(NearestBackground, IsThatOfTheWindow) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) backgrounds.push_back(made_up_background("", seed));
   for (std::uint64_t seed = 0; seed < 40; ++seed) {
     const Background& own = backgrounds[seed % 4];
-    const NearestBackground nearest = nearest_background(backgrounds, window_before(own, seed), kAll);
+    const NearestBackground nearest = nearest_background(backgrounds, window_before(own, seed), kAllLinks);
     EXPECT_EQ(nearest.background, &own);
     EXPECT_NEAR(nearest.unlikeness, 1, 0.3);  // mean of 540 squares of normal numbers, twelve of them fitted
   }
-  EXPECT_EQ(nearest_background({}, window_before(backgrounds[0], 1), kAll).background, nullptr);
+  EXPECT_EQ(nearest_background({}, window_before(backgrounds[0], 1), kAllLinks).background, nullptr);
 }
 
 // Where one is twice as wide as the other, the wide one explains everything; what decides is how likely it makes it.
@@ -269,8 +270,8 @@ TEST(NearestBackground, WeighsHowWideItIs) {
   Background narrow = made_up_background("", 1), wide = narrow;
   for (float& deviation : wide.deviation) deviation *= 2;
   const std::vector<Background> both = {wide, narrow};
-  EXPECT_EQ(nearest_background(both, window_before(narrow, 5), kAll).background, &both[1]);
-  EXPECT_EQ(nearest_background(both, window_before(wide, 5), kAll).background, &both[0]);
+  EXPECT_EQ(nearest_background(both, window_before(narrow, 5), kAllLinks).background, &both[1]);
+  EXPECT_EQ(nearest_background(both, window_before(wide, 5), kAllLinks).background, &both[0]);
 }
 
 // Somebody who stands in one link's way: what he does there is far from usual, what the others show decides.
@@ -282,7 +283,7 @@ TEST(NearestBackground, IsNotMisledByOneLink) {
   for (std::size_t n = 0; n < kSubcarriers; ++n)
     for (std::size_t t = 0; t < kSamples; ++t) x[Window::index(n, t, 4)] *= 6;
   const std::vector<Background> both = {other, own};
-  EXPECT_EQ(nearest_background(both, x, kAll).background, &both[1]);
+  EXPECT_EQ(nearest_background(both, x, kAllLinks).background, &both[1]);
 }
 
 TEST(NearestBackground, LooksAtPresentLinksOnly) {
@@ -298,8 +299,8 @@ TEST(NearestBackground, LooksAtPresentLinksOnly) {
 
 TEST(NearestBackground, TellsAStrangeWindow) {
   const std::vector<Background> backgrounds = {made_up_background("", 1), made_up_background("", 2)};
-  EXPECT_GT(nearest_background(backgrounds, window_before(made_up_background("", 9), 5), kAll).unlikeness,
-            10);
+  EXPECT_GT(
+      nearest_background(backgrounds, window_before(made_up_background("", 9), 5), kAllLinks).unlikeness, 10);
 }
 
 std::vector<std::vector<float>> windows_before(const Background& background, std::uint64_t count) {
@@ -315,14 +316,14 @@ TEST(BackgroundMeter, FindsTheResponseWhateverThePackets) {
   const Background found = meter.background("found");
   EXPECT_EQ(found.name, "found");
   // The same up to a line and a gain: of 400 windows each element's mean is known to a twentieth of its deviation.
-  const Sample left = departures(hall, found.response, kAll);
+  const Sample left = departures(hall, found.response, kAllLinks);
   double ratio = 0;
   for (std::size_t e = 0; e < kElements; ++e) {
     EXPECT_LT(std::fabs(left[e]), 0.25 * hall.deviation[e]) << e;
     ratio += found.deviation[e] / hall.deviation[e] / kElements;
   }
   EXPECT_NEAR(ratio, 1, 0.05);
-  EXPECT_NEAR(nearest_background({found}, window_before(hall, 1000), kAll).unlikeness, 1, 0.3);
+  EXPECT_NEAR(nearest_background({found}, window_before(hall, 1000), kAllLinks).unlikeness, 1, 0.3);
 }
 
 TEST(BackgroundMeter, KeepsSomeOfManyEvenly) {
@@ -358,7 +359,7 @@ TEST(BackgroundMeter, NamesWhatDoesNotVary) {
   EXPECT_NE(words(BackgroundMeter()).find("from 0 windows"), std::string::npos);
 }
 
-TEST(Model, ReadsBackgrounds) {
+TEST(ModelScaling, ReadsBackgrounds) {
   const std::vector<Background> written = {made_up_background("den", 1), made_up_background("hall", 2)};
   const auto model =
       testing::with_backgrounds(random_weights(preset_config("micro"), 5, HeadInit::random), written);
@@ -371,7 +372,7 @@ TEST(Model, ReadsBackgrounds) {
   }
 }
 
-TEST(Model, RefusesADeviationOfNothing) {
+TEST(ModelScaling, RefusesADeviationOfNothing) {
   Background flat = made_up_background("den", 1);
   flat.deviation[77] = 0;
   EXPECT_THROW(testing::with_backgrounds(random_weights(preset_config("micro"), 5, HeadInit::random), {flat}),
@@ -386,7 +387,7 @@ TEST(Engines, ScaleByTheBackground) {
   const auto model = testing::with_backgrounds(bytes, {made_up_background("other", 1), own});
   const std::vector<float> x = window_before(own, 7);
   const auto a = make_reference_engine(plain), b = make_reference_engine(model);
-  for (const LinkSet links : {kAll, LinkSet(0b111000111)}) {
+  for (const LinkSet links : {kAllLinks, LinkSet(0b111000111)}) {
     std::vector<float> tokens(kChannels * kSamples * links.count()), z(x.size());
     write_tokens(kPlain, {}, &own, x, links, tokens);
     std::size_t row = 0;

@@ -13,7 +13,7 @@
 namespace csipose::sim {
 namespace {
 using Complex = std::complex<double>;
-const double kLambda_m = Band{}.wavelength_m();
+const double kWavelength_m = Band{}.wavelength_m();
 
 void expect_channel(const Scene& scene, const Antenna& rx, const nlohmann::json& expected, double relative) {
   const auto golden = testing::complex_list(expected);
@@ -41,9 +41,10 @@ TEST(Sphere, MeetsTheGoldenCases) {
     const Body body = sphere(vec3(c["c"]), c["radius"].get<double>(), "skin_dry");
     const Vec3 tx = vec3(c["tx"]), rx = vec3(c["rx"]);
     const Leg leg{tx, rx, 0, glm::distance(tx, rx)};
-    EXPECT_LT(std::abs(contour_shadow(body, leg, kLambda_m) - testing::complex_number(c["F_contour"])), 1e-5);
-    EXPECT_LT(std::abs(shadow_factor(body, leg, kLambda_m) - testing::complex_number(c["F_leg"])), 1e-5);
-    const auto found = reflections(body, tx, rx, kLambda_m);
+    EXPECT_LT(std::abs(contour_shadow(body, leg, kWavelength_m) - testing::complex_number(c["F_contour"])),
+              1e-5);
+    EXPECT_LT(std::abs(shadow_factor(body, leg, kWavelength_m) - testing::complex_number(c["F_leg"])), 1e-5);
+    const auto found = reflections(body, tx, rx, kWavelength_m);
     ASSERT_EQ(found.size(), c.contains("P") ? 1u : 0u);
     if (c.contains("P")) {
       ++lit;
@@ -65,10 +66,11 @@ TEST(Sphere, ModelIsNearTheExactSeries) {
     const Body body = sphere(vec3(c["c"]), c["radius"].get<double>(), "metal");
     const Vec3 tx = vec3(c["tx"]), rx = vec3(c["rx"]);
     const double direct_m = glm::distance(tx, rx);
-    const Complex shadow = shadow_factor(body, {tx, rx, 0, direct_m}, kLambda_m);
+    const Complex shadow = shadow_factor(body, {tx, rx, 0, direct_m}, kWavelength_m);
     Complex echo = 0;
-    for (const Reflection& r : reflections(body, tx, rx, kLambda_m))
-      echo += r.spreading * direct_m * std::polar(1.0, -2 * kPi / kLambda_m * (r.s1_m + r.s2_m - direct_m));
+    for (const Reflection& r : reflections(body, tx, rx, kWavelength_m))
+      echo +=
+          r.spreading * direct_m * std::polar(1.0, -2 * kPi / kWavelength_m * (r.s1_m + r.s2_m - direct_m));
     const double tolerance = std::abs(shadow) < 0.9 ? 0.35 : 0.1;
     EXPECT_LT(std::abs(shadow - echo - testing::complex_number(c["exact_total_over_los_soft"])), tolerance);
     EXPECT_LT(std::abs(shadow + echo - testing::complex_number(c["exact_total_over_los_hard"])), tolerance);
@@ -104,14 +106,15 @@ TEST(Bodies, MeetTheGoldenCases) {
     SCOPED_TRACE(c["kind"].get<std::string>());
     const Body body = body_of(c);
     const Vec3 tx = vec3(c["tx"]), rx = vec3(c["rx"]);
-    expect_reflections(reflections(body, tx, rx, kLambda_m), c["reflections"]);
+    expect_reflections(reflections(body, tx, rx, kWavelength_m), c["reflections"]);
     const Vec3 a = vec3(c["shadow"]["a"]), b = vec3(c["shadow"]["b"]);
     const Leg leg{a, b, 0, glm::distance(a, b)};
-    EXPECT_LT(
-        std::abs(contour_shadow(body, leg, kLambda_m) - testing::complex_number(c["shadow"]["F_contour"])),
-        1e-5);
-    EXPECT_LT(std::abs(shadow_factor(body, leg, kLambda_m) - testing::complex_number(c["shadow"]["F_leg"])),
+    EXPECT_LT(std::abs(contour_shadow(body, leg, kWavelength_m) -
+                       testing::complex_number(c["shadow"]["F_contour"])),
               1e-5);
+    EXPECT_LT(
+        std::abs(shadow_factor(body, leg, kWavelength_m) - testing::complex_number(c["shadow"]["F_leg"])),
+        1e-5);
     expect_channel(free_space_with(body, tx), {rx}, c["H_hw_dipole"], 1e-5);
   }
 }
@@ -122,7 +125,7 @@ TEST(Sphere, HasItsRadarCrossSection) {
     for (const double bistatic_deg : {0.0, 30.0, 60.0, 90.0, 120.0, 150.0}) {
       const double angle = bistatic_deg * kPi / 180;
       const Vec3 s{1000, 0, 0}, q{1000 * std::cos(angle), 1000 * std::sin(angle), 0};
-      const auto found = reflections(sphere({0, 0, 0}, radius, "metal"), s, q, kLambda_m);
+      const auto found = reflections(sphere({0, 0, 0}, radius, "metal"), s, q, kWavelength_m);
       ASSERT_EQ(found.size(), 1u);
       const double scattered = std::abs(found[0].spreading) * found[0].s1_m * found[0].s2_m;
       EXPECT_NEAR(4 * kPi * scattered * scattered / (kPi * radius * radius), 1, 3e-3);
@@ -135,7 +138,7 @@ TEST(Sphere, MeetsTheGoldenCrossSections) {
     for (const auto& g : c["go_bistatic"]) {
       const double angle = g["bistatic_deg"].get<double>() * kPi / 180;
       const auto found = reflections(sphere({0, 0, 0}, c["radius"].get<double>(), "metal"), {1000, 0, 0},
-                                     {1000 * std::cos(angle), 1000 * std::sin(angle), 0}, kLambda_m);
+                                     {1000 * std::cos(angle), 1000 * std::sin(angle), 0}, kWavelength_m);
       ASSERT_EQ(found.size(), 1u);
       const double scattered = std::abs(found[0].spreading) * found[0].s1_m * found[0].s2_m;
       EXPECT_NEAR(4 * kPi * scattered * scattered / g["sigma"].get<double>(), 1, 3e-3);
@@ -161,7 +164,7 @@ TEST(Doppler, MeetsTheGoldenRates) {
     for (int m = 0; m < 20; ++m) {
       const Vec3 centre = vec3(c["c0"]) + m * 0.0025 * velocity;
       const auto found = reflections(sphere(centre, c["radius"].get<double>(), "skin_dry"), vec3(c["tx"]),
-                                     vec3(c["rx"]), kLambda_m);
+                                     vec3(c["rx"]), kWavelength_m);
       ASSERT_EQ(found.size(), 1u);
       const double length_m = found[0].s1_m + found[0].s2_m;
       if (c.contains("L")) {
@@ -170,7 +173,7 @@ TEST(Doppler, MeetsTheGoldenRates) {
       if (c.contains("A")) {
         EXPECT_NEAR(std::abs(found[0].spreading), c["A"][m].get<double>(), 1e-8);
       }
-      turns.push_back(-length_m / kLambda_m);
+      turns.push_back(-length_m / kWavelength_m);
     }
     const double rate_hz = fitted_slope(turns, 0.0025);
     EXPECT_NEAR(rate_hz, c["phase_rate_hz"].get<double>(), 1e-3);
@@ -189,7 +192,7 @@ TEST(Sphere, SpreadingIsThatOfAConvexMirror) {
     const Vec3 s{place(random), place(random), place(random)}, q{place(random), place(random), place(random)};
     const double a = size(random);
     if (glm::length(s) < 1 || glm::length(q) < 1) continue;
-    for (const Reflection& r : reflections(sphere({0, 0, 0}, a, "metal"), s, q, kLambda_m)) {
+    for (const Reflection& r : reflections(sphere({0, 0, 0}, a, "metal"), s, q, kWavelength_m)) {
       ++lit;
       const double rho1 = 1 / (1 / r.s1_m + 2 / (a * r.cos_incidence)),
                    rho2 = 1 / (1 / r.s1_m + 2 * r.cos_incidence / a);
@@ -206,7 +209,7 @@ TEST(Sphere, SpreadingIsThatOfAConvexMirror) {
 TEST(BigFace, ReflectsLikeAMirrorDeepInsideByHalfOnItsEdgeNotAtAllFarOff) {
   const Body plate{Shape::box, {0, 0, 0}, Mat3{1}, {4, 4, 0.01}, surface_of("metal")};
   const auto window_at = [&](double x) {
-    for (const Reflection& r : reflections(plate, {x, 0, 1}, {x, 0, 1.001}, kLambda_m))
+    for (const Reflection& r : reflections(plate, {x, 0, 1}, {x, 0, 1.001}, kWavelength_m))
       if (r.face == 4) return std::abs(r.window);
     return 0.0;
   };
@@ -230,7 +233,7 @@ TEST(EdgeTransition, IsTheFresnelIntegral) {
 TEST(Shadow, LeavesAboutHalfOnTheEdgeAndLittleBehindABigBody) {
   const Body wall{Shape::box, {2, 0, 0}, Mat3{1}, {0.01, 3, 3}, surface_of("metal")};
   const auto through = [&](double y) {
-    return std::abs(shadow_factor(wall, {{-8, y, 0}, {12, y, 0}, 0, 20}, kLambda_m));
+    return std::abs(shadow_factor(wall, {{-8, y, 0}, {12, y, 0}, 0, 20}, kWavelength_m));
   };
   EXPECT_LT(through(0), 0.15);
   EXPECT_NEAR(through(3), 0.5, 0.05);
@@ -239,7 +242,7 @@ TEST(Shadow, LeavesAboutHalfOnTheEdgeAndLittleBehindABigBody) {
 
 TEST(Shadow, BodiesBehindAnEndDimNothing) {
   const Body ball = sphere({-1, 0, 0}, 0.3, "skin_dry");
-  EXPECT_EQ(shadow_factor(ball, {{0, 0, 0}, {4, 0, 0}, 0, 4}, kLambda_m), Complex(1));
+  EXPECT_EQ(shadow_factor(ball, {{0, 0, 0}, {4, 0, 0}, 0, 4}, kWavelength_m), Complex(1));
 }
 
 }  // namespace

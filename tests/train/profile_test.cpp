@@ -10,24 +10,24 @@ namespace {
 
 /// Stands at (x, y), looks along (cos, sin) of `heading_rad`, knees bent forward; z up, left = up x forward.
 Skeleton standing(float x, float y, float heading_rad, float bend_m) {
-  struct Place {
+  struct JointPlace {
     float left, forward, up;
   };
   constexpr float kShoulder = 0.161f, kHip = 0.0845f;
-  const std::array<Place, kJoints> places = {{{0, 0, 1.5f},
-                                              {0, 0, 1.579f},
-                                              {kShoulder, 0, 1.5f},
-                                              {-kShoulder, 0, 1.5f},
-                                              {kShoulder, 0, 1.231f},
-                                              {kHip, 0, .9f},
-                                              {-kShoulder, 0, 1.231f},
-                                              {-kHip, 0, .9f},
-                                              {kShoulder, 0, .938f},
-                                              {kHip, bend_m, .5f},
-                                              {-kShoulder, 0, .938f},
-                                              {-kHip, bend_m, .5f},
-                                              {kHip, 0, .1f},
-                                              {-kHip, 0, .1f}}};
+  const std::array<JointPlace, kJoints> places = {{{0, 0, 1.5f},
+                                                   {0, 0, 1.579f},
+                                                   {kShoulder, 0, 1.5f},
+                                                   {-kShoulder, 0, 1.5f},
+                                                   {kShoulder, 0, 1.231f},
+                                                   {kHip, 0, .9f},
+                                                   {-kShoulder, 0, 1.231f},
+                                                   {-kHip, 0, .9f},
+                                                   {kShoulder, 0, .938f},
+                                                   {kHip, bend_m, .5f},
+                                                   {-kShoulder, 0, .938f},
+                                                   {-kHip, bend_m, .5f},
+                                                   {kHip, 0, .1f},
+                                                   {-kHip, 0, .1f}}};
   const float c = std::cos(heading_rad), s = std::sin(heading_rad);
   Skeleton pose;
   for (std::size_t j = 0; j < kJoints; ++j) {

@@ -12,7 +12,7 @@ namespace {
 namespace fs = std::filesystem;
 using csipose::testing::write_numbered_folder;
 
-void ignore(const std::string&) {}
+void say_nothing(const std::string&) {}
 
 class Folders : public ::testing::Test {
  protected:
@@ -36,7 +36,7 @@ TEST_F(Folders, ComeBackAsTheyWereWritten) {
         EXPECT_EQ(window.people.size(), i % 3);
         ++i;
       },
-      ignore);
+      say_nothing);
   EXPECT_EQ(i, 100u);
 }
 
