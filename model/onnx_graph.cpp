@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <onnx/onnx_pb.h>
 
+#include <algorithm>
 #include <cassert>
 #include <climits>
 #include <cmath>
@@ -167,7 +168,8 @@ class NetworkGraph {
  private:
   enum class Half : std::uint8_t { position, content };
 
-  std::int64_t queries() const { return static_cast<std::int64_t>(config_.queries); }
+  /// No more than there are proposals: receivers have fewer tokens than `paper` has queries.
+  std::int64_t queries() const { return std::min(static_cast<std::int64_t>(config_.queries), token_count()); }
 
   /// x W^T + b for some rows of a packed weight.
   Value linear_rows(const Value& x, const std::string& name, const Tensor& weight, const Tensor& bias,

@@ -4,6 +4,7 @@
 #include <onnx/checker.h>
 #include <onnx/shape_inference/implementation.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -57,7 +58,7 @@ void expect_same(const Model& model, std::shared_ptr<const Model> owner, const s
   testing::OnnxEvaluator evaluator(proto.graph());
   const auto& values = evaluator.run("csi", {{1, kChannels, kSamples, kLinks}, {x.begin(), x.end()}});
   const OnnxTensor &poses = values.at("poses"), &scores = values.at("scores");
-  const std::size_t queries = model.config().queries;
+  const std::size_t queries = std::min(model.config().queries, model.config().token_grid().size());
   ASSERT_EQ(poses.shape, (std::vector<std::size_t>{1, queries, kJoints, 3}));
   ASSERT_EQ(scores.shape, (std::vector<std::size_t>{1, queries}));
   for (std::size_t i = 0; i < poses.data.size(); ++i)
@@ -89,6 +90,15 @@ TEST(OnnxGraph, ComputesTheNetwork) {
     const auto model = scaled_model(config);
     expect_same(*model, model, window());
   }
+}
+
+TEST(OnnxGraph, AsksNoMoreQueriesThanThereAreTokens) {
+  NetworkConfig config = micro(true, 1, 1, /*query_conditioning=*/true);
+  config.receiver_tokens = true;
+  config.queries = kReceiverGrid.size() + 7;
+  const auto model = scaled_model(config);
+  expect_same(*model, model, window());
+  onnx::checker::check_model(parsed(*model));
 }
 
 TEST(OnnxGraph, ChoosesTheBackground) {
