@@ -17,13 +17,14 @@ using nlohmann::ordered_json;
 struct InitOptions {
   std::string preset, out;
   std::uint64_t seed = 0;
-  bool parity = false, random_heads = false, force = false;
+  bool parity = false, receiver_tokens = false, random_heads = false, force = false;
 };
 
 void init(const InitOptions& options) {
   require_free(options.out, options.force);
   NetworkConfig config = preset_config(options.preset);
   config.identity_conditioning = config.query_conditioning = !options.parity;
+  config.receiver_tokens = options.receiver_tokens;
   const auto heads = options.random_heads ? HeadInit::random : HeadInit::zero;
   write_file_atomically(options.out, random_weights(config, options.seed, heads));
   if (tool_options().quiet) return;
@@ -121,7 +122,12 @@ void add_init(CLI::App& model) {
       ->required();
   command->add_option("--out", options->out, "file to write")->required()->type_name("FILE");
   command->add_option("--seed", options->seed, "same seed, same file");
-  command->add_flag("--parity", options->parity, "as published: refinement does not know whom it refines");
+  CLI::Option* parity = command->add_flag("--parity", options->parity,
+                                          "as published: refinement does not know whom it refines");
+  command
+      ->add_flag("--receiver-tokens", options->receiver_tokens,
+                 "a token is what a sample has of a receiver, its three links side by side")
+      ->excludes(parity);
   command->add_flag(
       "--random-heads", options->random_heads,
       "random numbers also where training starts at zero: for timing and for comparing engines");

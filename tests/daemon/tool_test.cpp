@@ -131,6 +131,15 @@ TEST(CsiposeModel, ExportsToAFileThatIsNotThereYet) {
             static_cast<int>(ExitStatus::bad_data));
 }
 
+TEST(CsiposeModel, BeginsWithTokensOfReceiversWhereAsked) {
+  testing::ScratchFolder folder;
+  const std::string init = "model init --preset micro --receiver-tokens --out " + (folder / "w.safetensors");
+  EXPECT_EQ(csipose(init + " --parity").status, static_cast<int>(ExitStatus::usage));
+  ASSERT_EQ(csipose(init).status, 0);
+  const Outcome shown = csipose("model show --json " + (folder / "w.safetensors"));
+  EXPECT_NE(shown.text.find("\"receiver_tokens\":true"), std::string::npos) << shown.text;
+}
+
 TEST(CsiposeReplay, SaysWhatIsWrongBeforeItStartsAnything) {
   const Outcome absent = csipose("replay no-such-file.mcap");
   EXPECT_EQ(absent.status, static_cast<int>(ExitStatus::no_input));
