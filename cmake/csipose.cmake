@@ -9,7 +9,7 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL GNU AND CMAKE_CXX_COMPILER_VERSION VERSION_LES
   target_compile_options(csipose_flags INTERFACE -Wno-restrict -Wno-array-bounds -Wno-stringop-overflow -Wno-stringop-overread)
 endif()
 
-# All presets but dev, and all command lines, compile several files of a target as one, in little more than half the time; so
+# All presets but dev, and all command lines, compile several files of a target as one, in six tenths of the time or less; so
 # the names in anonymous namespaces are unique within a target. GCC takes a file that is included for a header, where a type of an
 # anonymous namespace would be a mistake.
 set(CSIPOSE_UNITY_FLAGS $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
@@ -50,7 +50,7 @@ endfunction()
 #   csipose_test(NAME FILE [THREADS] LIBRARIES LIB...): a program of its own, for what replaces malloc, runs on lesser
 #     processors too, or needs flags. THREADS: more than one thread runs in it, or in a program that it starts; the thread
 #     sanitizer's build makes these alone.
-# What every test includes is compiled once; test code itself is not worth optimising: that would be a third of its compilation.
+# What every test includes is compiled once; test code itself is not worth optimising.
 if(CSIPOSE_TESTS)
   add_custom_target(csipose_tests)  # every test that this build runs, with the programs that tests start
   find_package(GTest REQUIRED)
