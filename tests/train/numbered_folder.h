@@ -3,11 +3,15 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "train/window_folder_set.h"
 
 namespace csipose::testing {
+
+/// For what says how far it is.
+inline void say_nothing(const std::string&) {}
 
 /// 2 rooms of 10 clips of 5 windows; window i says i everywhere, and i % 3 people are in it.
 inline void write_numbered_folder(const std::filesystem::path& to) {

@@ -15,10 +15,9 @@ namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
+using csipose::testing::say_nothing;
 using csipose::testing::write_numbered_folder;
 using csipose::testing::write_published_split;
-
-void ignore(const std::string&) {}
 
 class Splits : public ::testing::Test {
  protected:
@@ -39,7 +38,7 @@ class Splits : public ::testing::Test {
   }
   std::string refusal(const SplitJob& job) const {
     try {
-      split(job, ignore);
+      split(job, say_nothing);
     } catch (const SetupError& error) {
       return error.what();
     }
@@ -48,7 +47,7 @@ class Splits : public ::testing::Test {
   /// Drawn and rest are the set; gives those drawn.
   std::vector<int> drawn(const SplitJob& job) const {
     fs::remove_all(job.to);
-    const auto parts = split(job, ignore);
+    const auto parts = split(job, say_nothing);
     EXPECT_EQ(parts.size(), 2u);
     EXPECT_EQ(parts[0].name, "drawn");
     EXPECT_EQ(parts[1].name, "rest");
@@ -67,7 +66,7 @@ class Splits : public ::testing::Test {
 
 TEST_F(Splits, EachEnvironmentByItself) {
   write_numbered_folder(folder_ / "set");
-  const auto parts = split({folder_ / "set", folder_ / "out", SplitBy::environment, 0.1, 0, {}}, ignore);
+  const auto parts = split({folder_ / "set", folder_ / "out", SplitBy::environment, 0.1, 0, {}}, say_nothing);
   ASSERT_EQ(parts.size(), 2u);
   EXPECT_EQ(parts[0].name, "hall");
   EXPECT_EQ(parts[1].windows, 50u);
@@ -111,7 +110,7 @@ TEST_F(Splits, SomeWindowsOfEveryClip) {
 TEST_F(Splits, ByTheListsOfThePublishedSet) {
   write_published_split(folder_ / "root", "train", {"S11_01_10", "S21_01_10"});
   write_published_split(folder_ / "root", "test", {"S11_01_300"});
-  const auto parts = split({folder_ / "root", folder_ / "out", SplitBy::lists, 0, 0, {}}, ignore);
+  const auto parts = split({folder_ / "root", folder_ / "out", SplitBy::lists, 0, 0, {}}, say_nothing);
   ASSERT_EQ(parts.size(), 2u);
   EXPECT_EQ(open_window_folder(folder_ / "out/train")->size(), 2u);
   EXPECT_EQ(open_window_folder(folder_ / "out/test")->clip(0), 1101u);

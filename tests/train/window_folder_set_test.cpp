@@ -10,9 +10,8 @@ namespace csipose::train {
 namespace {
 
 namespace fs = std::filesystem;
+using csipose::testing::say_nothing;
 using csipose::testing::write_numbered_folder;
-
-void say_nothing(const std::string&) {}
 
 class Folders : public ::testing::Test {
  protected:

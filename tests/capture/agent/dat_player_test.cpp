@@ -12,11 +12,6 @@ namespace {
 using namespace testing;
 using namespace std::chrono_literals;
 
-Bytes joined(Bytes a, const Bytes& b) {
-  append(a, b);
-  return a;
-}
-
 // 4 records, 10 ms apart by the NIC, no frames.
 Bytes bare_log() {
   Bytes log;
