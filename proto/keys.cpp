@@ -7,7 +7,10 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 #include <iterator>
+#include <limits>
+#include <set>
 #include <vector>
 
 #include "proto/file_descriptor.h"
@@ -71,6 +74,20 @@ void require_private(int fd, const std::string& path) {
         "key file " + path + " belongs to another user; chown it to the user that runs this program");
 }
 
+std::vector<std::uint16_t> numbers_beside(const std::string& path) {
+  std::vector<std::uint16_t> numbers;
+  std::error_code error;
+  for (const auto& file :
+       std::filesystem::directory_iterator(std::filesystem::absolute(path, error).parent_path(), error)) {
+    try {
+      numbers.push_back(agent_number(load_agent_key(file.path().string())));
+    } catch (const SetupError&) {
+      // no key of this daemon's: configurations, sockets, keys that have come from elsewhere
+    }
+  }
+  return numbers;
+}
+
 }  // namespace
 
 const char* name(KeyKind kind) { return kKindNames[static_cast<int>(kind) - 1]; }
@@ -105,16 +122,28 @@ AgentKey load_agent_key(const std::string& path) {
   return *key;
 }
 
-void create_agent_key(const std::string& path, const std::string& name, KeyKind kind) {
+AgentKey draw_agent_key(const std::string& name, KeyKind kind, const std::vector<std::uint16_t>& taken) {
   if (!is_receiver_id(name))
     throw SetupError(ExitStatus::usage,
                      "'" + name + "' cannot name a receiver: take 1 to 32 of a-z, 0-9, '-' and '_'");
   if (sodium_init() < 0)
     throw SetupError(ExitStatus::os_refusal, "libsodium cannot start: the system gives it no random numbers");
-  Secret secret;
-  randombytes_buf(secret.data(), secret.size());
-  std::array<char, 2 * std::tuple_size<Secret>::value + 1> hex{};
-  sodium_bin2hex(hex.data(), hex.size(), secret.data(), secret.size());
+  const std::set<std::uint16_t> numbers(taken.begin(), taken.end());
+  if (numbers.size() > std::numeric_limits<std::uint16_t>::max())
+    throw SetupError(ExitStatus::cannot_create,
+                     "there are as many keys as numbers for them; remove those that no receiver has");
+  AgentKey key;
+  key.name = name;
+  key.kind = kind;
+  do randombytes_buf(key.secret.data(), key.secret.size());
+  while (numbers.count(agent_number(key)) != 0);
+  return key;
+}
+
+void create_agent_key(const std::string& path, const std::string& name, KeyKind kind) {
+  const AgentKey key = draw_agent_key(name, kind, numbers_beside(path));
+  std::array<char, 2 * sizeof(key.secret) + 1> hex{};
+  sodium_bin2hex(hex.data(), hex.size(), key.secret.data(), key.secret.size());
   const std::string line =
       std::string("csipose-key 1 ") + csipose::name(kind) + " " + name + " " + hex.data() + "\n";
 

@@ -7,7 +7,9 @@
 // command line. C++17-clean.
 #pragma once
 
+#include <cstdint>
 #include <string>
+#include <vector>
 
 #include "proto/datagram.h"
 #include "proto/result.h"
@@ -24,9 +26,17 @@ Result<AgentKey, std::string> parse_agent_key(ByteView text);
 /// may read it.
 AgentKey load_agent_key(const std::string& path);
 
-/// Makes a new random key and writes it to `path`, mode 0400. Throws SetupError when the file exists (a key
-/// that is in use is never overwritten) or cannot be made, or `name` is no id: 1 to 32 of a-z, 0-9, '-' and
-/// '_'.
+/// The numbers (agent_number) of the keys that lie in a folder, those files left out that are no keys or cannot be
+/// read.
+std::vector<std::uint16_t> agent_numbers_in(const std::string& folder);
+
+/// A random secret whose key has a number that is none of `taken`: numbers have two bytes, and csiposed takes no
+/// two keys with the same. Throws SetupError without random numbers, or when all 65,536 are taken.
+AgentKey draw_agent_key(const std::string& name, KeyKind kind, const std::vector<std::uint16_t>& taken);
+
+/// Makes a new random key, with another number than those beside it, and writes it to `path`, mode 0400. Throws
+/// SetupError when the file exists (a key that is in use is never overwritten) or cannot be made, or `name` is no
+/// id: 1 to 32 of a-z, 0-9, '-' and '_'.
 void create_agent_key(const std::string& path, const std::string& name, KeyKind kind);
 
 /// The one line to run on the receiver: fetches the key over ssh and starts the agent.

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <set>
 
 namespace csipose {
 namespace {
@@ -60,6 +61,34 @@ TEST_F(Keys, AreNeverOverwritten) {
   const std::string before = text("a");
   EXPECT_THROW(create_agent_key(path("a"), "rx1", KeyKind::live), SetupError);
   EXPECT_EQ(text("a"), before);
+}
+
+TEST_F(Keys, NumbersOfTwoBytesAreNotDrawnTwice) {
+  std::vector<std::uint16_t> taken;
+  for (unsigned number = 0; number < 0x10000; ++number)
+    if (number % 64 != 0) taken.push_back(static_cast<std::uint16_t>(number));
+  for (int i = 0; i < 10; ++i)
+    EXPECT_EQ(agent_number(draw_agent_key("rx1", KeyKind::live, taken)) % 64, 0) << i;
+  for (unsigned number = 0; number < 0x10000; number += 64)
+    taken.push_back(static_cast<std::uint16_t>(number));
+  EXPECT_THROW(draw_agent_key("rx1", KeyKind::live, taken), SetupError);
+}
+
+TEST_F(Keys, InAFolderHaveOtherNumbers) {
+  constexpr int kBefore = 1'500, kNew = 130;  // by chance alone all would differ one time in twenty
+  std::set<std::uint16_t> numbers;
+  for (int i = 0; i < kBefore; ++i) {
+    const AgentKey key = draw_agent_key("rx1", KeyKind::live, {});
+    std::string digits;
+    for (const std::uint8_t byte : key.secret)
+      for (const int nibble : {byte >> 4, byte & 15}) digits += "0123456789abcdef"[nibble];
+    write("old" + std::to_string(i), "csipose-key 1 live rx1 " + digits + "\n");
+    numbers.insert(agent_number(key));
+  }
+  for (int i = 0; i < kNew; ++i) {
+    create_agent_key(path(std::to_string(i)), "rx1", KeyKind::live);
+    EXPECT_TRUE(numbers.insert(agent_number(load_agent_key(path(std::to_string(i))))).second) << i;
+  }
 }
 
 TEST_F(Keys, OthersMayNotReadThem) {
