@@ -17,7 +17,8 @@ using nlohmann::ordered_json;
 struct InitOptions {
   std::string preset, out;
   std::uint64_t seed = 0;
-  bool parity = false, receiver_tokens = false, random_heads = false, force = false;
+  bool parity = false, receiver_tokens = false, receiver_conditioning = false, random_heads = false,
+       force = false;
 };
 
 void init(const InitOptions& options) {
@@ -25,6 +26,7 @@ void init(const InitOptions& options) {
   NetworkConfig config = preset_config(options.preset);
   config.identity_conditioning = config.query_conditioning = !options.parity;
   config.receiver_tokens = options.receiver_tokens;
+  config.receiver_conditioning = options.receiver_conditioning;
   const auto heads = options.random_heads ? HeadInit::random : HeadInit::zero;
   write_file_atomically(options.out, random_weights(config, options.seed, heads));
   if (tool_options().quiet) return;
@@ -124,10 +126,16 @@ void add_init(CLI::App& model) {
   command->add_option("--seed", options->seed, "same seed, same file");
   CLI::Option* parity = command->add_flag("--parity", options->parity,
                                           "as published: refinement does not know whom it refines");
+  CLI::Option* of_receivers =
+      command
+          ->add_flag("--receiver-tokens", options->receiver_tokens,
+                     "a token is what a sample has of a receiver, its three links side by side")
+          ->excludes(parity);
   command
-      ->add_flag("--receiver-tokens", options->receiver_tokens,
-                 "a token is what a sample has of a receiver, its three links side by side")
-      ->excludes(parity);
+      ->add_flag("--receiver-conditioning", options->receiver_conditioning,
+                 "a link's token also has its receiver's other two links")
+      ->excludes(parity)
+      ->excludes(of_receivers);
   command->add_flag(
       "--random-heads", options->random_heads,
       "random numbers also where training starts at zero: for timing and for comparing engines");

@@ -47,11 +47,12 @@ struct SwitchField {
   bool NetworkConfig::*member;
   bool since_later = false;  ///< older files do not have it and mean false; nor is false written
 };
-constexpr std::array<SwitchField, 6> kSwitches = {
+constexpr std::array<SwitchField, 7> kSwitches = {
     {{"identity_conditioning", &NetworkConfig::identity_conditioning},
      {"query_conditioning", &NetworkConfig::query_conditioning, true},
      {"background_conditioning", &NetworkConfig::background_conditioning, true},
      {"receiver_tokens", &NetworkConfig::receiver_tokens, true},
+     {"receiver_conditioning", &NetworkConfig::receiver_conditioning, true},
      {"flat_tokens", &NetworkConfig::flat_tokens, true},
      {"joint_sigma", &NetworkConfig::joint_sigma}}};
 
@@ -88,8 +89,11 @@ void check_together(const NetworkConfig& config) {
     refuse("config has 'identity_conditioning' but no refinement layer");
   if (config.flat_tokens && config.background_conditioning)
     refuse("config has 'flat_tokens' and 'background_conditioning': a patch is of no one link");
-  if (config.flat_tokens && config.receiver_tokens)
-    refuse("config has 'flat_tokens' and 'receiver_tokens': a token is one or the other");
+  if (config.flat_tokens + config.receiver_tokens + config.receiver_conditioning > 1)
+    refuse(
+        "config has more than one of 'flat_tokens', 'receiver_tokens' and 'receiver_conditioning': a token "
+        "is of a patch, of "
+        "a receiver or of a link");
   if (config.joint_sigma && !config.identity_conditioning)
     refuse(
         "config has 'joint_sigma' without 'identity_conditioning': all people would get the same expected "

@@ -48,17 +48,23 @@ struct NetworkConfig {
   /// One token for each sample and receiver, its links side by side, in the place of one for each link: what an angle of arrival
   /// is read from, how a response differs between antennas, is then within a token. Off in parity with the paper.
   bool receiver_tokens = false;
+  /// Each link's token also has the numbers of its receiver's other two. Off in parity with the paper.
+  bool receiver_conditioning = false;
   /// Flat tokens in the place of one for each sample and link, for comparisons: training computes them, no engine does.
   bool flat_tokens = false;
   bool joint_sigma = false;  ///< has the head for the expected error per joint
 
   /// Numbers of a link in its token: its channels, and with background_conditioning as many of its installation.
   std::size_t link_numbers() const { return background_conditioning ? 2 * kChannels : kChannels; }
-  /// Numbers of a token: those of its link, or of its receiver's three; or a patch.
-  std::size_t token_numbers() const {
-    if (flat_tokens) return kPatch * kPatch;
-    return receiver_tokens ? kAntennas * link_numbers() : link_numbers();
+  /// Links whose numbers stand side by side in a token; not of flat ones.
+  std::size_t token_links() const { return receiver_tokens || receiver_conditioning ? kAntennas : 1; }
+  /// Which link is i-th in a column's tokens: a receiver's in turn, or the column's own and then those that follow it.
+  std::size_t token_link(std::size_t column, std::size_t i) const {
+    return receiver_tokens ? column * kAntennas + i
+                           : column / kAntennas * kAntennas + (column + i) % kAntennas;
   }
+  /// Numbers of a token: those of its links; or a patch.
+  std::size_t token_numbers() const { return flat_tokens ? kPatch * kPatch : token_links() * link_numbers(); }
   TokenGrid token_grid() const {
     if (flat_tokens) return kFlatGrid;
     return receiver_tokens ? kReceiverGrid : TokenGrid{};

@@ -191,16 +191,18 @@ void write_tokens(const NetworkConfig& config, const Normalisation& normalisatio
       continue;
     }
     const Sample given = scaled(normalisation, background, sample, links);
-    for (std::size_t link = 0; link < kLinks; ++link) {
-      if (!links[link]) {
-        const LinkSet receiver = LinkSet(0b111) << link / kAntennas * kAntennas;
-        if (config.receiver_tokens && (links & receiver).any())
+    for (std::size_t column = 0; column < config.token_grid().columns; ++column) {
+      if (!config.has_token(column, links)) continue;
+      for (std::size_t i = 0; i < config.token_links(); ++i) {
+        const std::size_t link = config.token_link(column, i);
+        if (!links[link]) {
           token = std::fill_n(token, config.link_numbers(), 0.f);
-        continue;
+          continue;
+        }
+        for (std::size_t e = link; e < kElements; e += kLinks) *token++ = given[e];
+        if (!told) continue;
+        for (std::size_t e = link; e < kElements; e += kLinks) *token++ = moves[e];
       }
-      for (std::size_t e = link; e < kElements; e += kLinks) *token++ = given[e];
-      if (!told) continue;
-      for (std::size_t e = link; e < kElements; e += kLinks) *token++ = moves[e];
     }
     before = sample;
   }

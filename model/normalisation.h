@@ -88,7 +88,7 @@ std::array<float, kElements> mobility(const Background& background);
 
 /// The tokens that config.tokens_there(links) names, in that order; against `background`, or by the scalars when it is nullptr. Of
 /// 60 numbers for each link or, with background_conditioning, of 120: the link's mobility() follows, 0 where there is no background.
-/// With receiver_tokens the three links of the receiver stand side by side, all numbers of one that is not there 0.
+/// Where a token has several links (NetworkConfig::token_link) they stand side by side, all numbers of one that is not there 0.
 void write_tokens(const NetworkConfig& config, const Normalisation& normalisation,
                   const Background* background, std::span<const float> x, LinkSet links,
                   std::span<float> tokens);

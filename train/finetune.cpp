@@ -121,12 +121,6 @@ std::size_t samples_of_step(const RunSettings& settings, const Moment& now) {
                                                   : static_cast<std::size_t>(settings.finetune.samples);
 }
 
-/// Receiver tokens (B, 60, ..) of windows whose links are `links` (B, 9), 1 where one is there: the others' numbers become 0.
-void silence(at::Tensor& tokens, const at::Tensor& links) {
-  const std::int64_t windows = tokens.size(0);
-  tokens.view({windows, kSamples, kLinks, -1}).mul_(links.to(tokens.device()).view({windows, 1, kLinks, 1}));
-}
-
 struct Failure {
   std::size_t receivers = 0, links = 0;
 };
@@ -185,7 +179,7 @@ class Poses3d : public Objective {
         sigma_phase(now) ? Added() : added_people(settings_, pool_, split_.train, now, windows);
     at::Tensor tokens = pool_.tokens(windows, added);
     Survivors survivors = surviving_tokens(settings_, now, windows);
-    if (survivors.links.defined()) silence(tokens, survivors.links);
+    if (survivors.links.defined()) silence(tokens, weights_.config, survivors.links);
     at::Tensor left = survivors.tokens;
     if (left.defined()) left = left.to(tokens.device());
     const People people = pool_.people_of(windows, added);
@@ -444,8 +438,20 @@ Survivors surviving_tokens(const RunSettings& settings, const Moment& now,
   }
   const auto count = static_cast<std::int64_t>(windows.size());
   Survivors survivors{at::tensor(tokens, at::kLong).view({count, -1}), {}};
-  if (config.receiver_tokens && failure.links > 0) survivors.links = at::tensor(there).view({count, kLinks});
+  if (config.token_links() > 1 && failure.links > 0)
+    survivors.links = at::tensor(there).view({count, kLinks});
   return survivors;
+}
+
+void silence(at::Tensor& tokens, const NetworkConfig& config, const at::Tensor& links) {
+  std::vector<std::int64_t> order;
+  for (std::size_t column = 0; column < config.token_grid().columns; ++column)
+    for (std::size_t i = 0; i < config.token_links(); ++i)
+      order.push_back(static_cast<std::int64_t>(config.token_link(column, i)));
+  const auto parts = static_cast<std::int64_t>(order.size());
+  const std::int64_t windows = tokens.size(0);
+  tokens.view({windows, kSamples, parts, -1})
+      .mul_(links.index_select(1, at::tensor(order)).to(tokens.device()).view({windows, 1, parts, 1}));
 }
 
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {

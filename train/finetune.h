@@ -27,10 +27,12 @@ Added added_people(const RunSettings& settings, const Pool& pool, std::span<cons
 struct Survivors {
   /// (windows, n): a batch loses as many in each window, in each others. Undefined when all remain.
   at::Tensor tokens;
-  /// (windows, 9), 0 for a link that is missing in its receiver's token; undefined where tokens tell it all.
+  /// (windows, 9), 0 for a link that is missing in the tokens that have several; undefined where tokens tell it all.
   at::Tensor links;
 };
 Survivors surviving_tokens(const RunSettings& settings, const Moment& now,
                            std::span<const std::uint64_t> windows);
+/// Of tokens (B, as the grid, several links each) the numbers of those links become 0 that `links`, Survivors's, lacks.
+void silence(at::Tensor& tokens, const NetworkConfig& config, const at::Tensor& links);
 
 }  // namespace csipose::train

@@ -27,21 +27,29 @@ void set_proposal_bias(Weights& weights, const Pool& pool, std::span<const std::
       sum / static_cast<double>(people));
 }
 
-/// Has learnt of channels alone and goes where backgrounds are told as well.
-bool is_widened(const std::string& name, const at::Tensor& from, const at::Tensor& to) {
+/// Has learnt of a link's channels alone, or of them and backgrounds, and goes where tokens begin with the same numbers and tell more.
+bool is_widened(const std::string& name, const at::Tensor& from, const at::Tensor& to,
+                const RunSettings& settings) {
+  const NetworkConfig config = network_of(settings);
+  const auto begins_with = [&](std::size_t numbers) {
+    return from.size(1) == static_cast<std::int64_t>(numbers);
+  };
   return name == "encoder.patch_embed.proj.weight" && from.size(0) == to.size(0) &&
-         from.size(1) == static_cast<std::int64_t>(kChannels) && to.size(1) == 2 * from.size(1);
+         from.size(1) < to.size(1) && !config.receiver_tokens && !config.flat_tokens &&
+         (begins_with(kChannels) || begins_with(config.link_numbers()));
 }
 
 [[noreturn]] void refuse_shape(const std::string& name, const RunSettings& settings) {
   throw SetupError(
       ExitStatus::bad_config,
-      fmt::format("{} (finetune.init) has '{}' of another shape than the preset {} with "
-                  "network.background_conditioning = {}, receiver_tokens = {} and flat_tokens = {}; "
-                  "set all of them as in that file",
-                  settings.finetune.init, name, settings.network.preset,
-                  settings.network.background_conditioning, settings.network.receiver_tokens,
-                  settings.network.flat_tokens));
+      fmt::format(
+          "{} (finetune.init) has '{}' of another shape, or for other tokens, than the preset {} with "
+          "network.background_conditioning = {}, receiver_tokens = {}, "
+          "receiver_conditioning = {} and flat_tokens = {}; "
+          "set all of them as in that file",
+          settings.finetune.init, name, settings.network.preset, settings.network.background_conditioning,
+          settings.network.receiver_tokens, settings.network.receiver_conditioning,
+          settings.network.flat_tokens));
 }
 
 /// Takes the encoder of a pre-trained file, or everything of a fine-tuned one.
@@ -57,11 +65,12 @@ void take_over(Weights& weights, const RunSettings& settings) {
     const at::Tensor& from = file.parameters[theirs];
     const bool fits = from.sizes() == to.sizes();
     if (!fits && name.rfind("predictor.map.", 0) == 0) continue;  // another floor is learned anew
-    if (!fits && !is_widened(name, from, to)) refuse_shape(theirs, settings);
+    const bool other_tokens = encoder && file.config.receiver_tokens != weights.config.receiver_tokens;
+    if (other_tokens || (!fits && !is_widened(name, from, to, settings))) refuse_shape(theirs, settings);
     if (fits)
       to.copy_(from);
     else
-      to.zero_().narrow(1, 0, kChannels).copy_(from);
+      to.zero_().narrow(1, 0, from.size(1)).copy_(from);
     taken += encoder;
   }
   if (taken == 0)

@@ -110,6 +110,11 @@ class Jepa : public Objective {
     const auto seed = static_cast<std::uint64_t>(settings_.run.seed);
     if (weights_.config.flat_tokens) return draw_flat_masks(seed, epoch, windows);
     if (weights_.config.receiver_tokens) return draw_receiver_masks(masking_, seed, epoch, windows);
+    if (weights_.config.receiver_conditioning && masking_ != Masking::time)
+      throw SetupError(
+          ExitStatus::bad_config,
+          "network.receiver_conditioning goes with pretrain.mask = \"time\" only: a token also has links "
+          "that another mask would hide");
     return draw_masks(masking_, seed, epoch, windows);
   }
 

@@ -80,6 +80,12 @@ const std::vector<Key>& keys() {
        {},
        "a token is what a sample has of a receiver, its three links side by side, in the place of one of "
        "each link"},
+      {"network.receiver_conditioning",
+       FIELD(network.receiver_conditioning),
+       0,
+       0,
+       {},
+       "each link's token also has the numbers of its receiver's other two links"},
       {"network.parity",
        FIELD(network.parity),
        0,
@@ -438,7 +444,8 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
   if (reader.settings.network.parity) {
     reader.settings.network.init = "fixed";
     reader.settings.network.identity_conditioning = reader.settings.network.query_conditioning =
-        reader.settings.network.background_conditioning = reader.settings.network.receiver_tokens = false;
+        reader.settings.network.background_conditioning = reader.settings.network.receiver_tokens =
+            reader.settings.network.receiver_conditioning = false;
     reader.settings.finetune.proposal_bias = false;
     reader.settings.finetune.ordered = reader.settings.finetune.map = reader.settings.finetune.root_relative =
         0;
@@ -448,10 +455,13 @@ RunSettings read_run_file(const std::filesystem::path& path, const std::vector<s
         ExitStatus::bad_config,
         "network.flat_tokens and network.background_conditioning exclude each other: a patch is of "
         "no one link");
-  if (reader.settings.network.flat_tokens && reader.settings.network.receiver_tokens)
+  if (reader.settings.network.flat_tokens + reader.settings.network.receiver_tokens +
+          reader.settings.network.receiver_conditioning >
+      1)
     throw SetupError(
         ExitStatus::bad_config,
-        "network.flat_tokens and network.receiver_tokens exclude each other: a token is one or the other");
+        "network.flat_tokens, receiver_tokens and receiver_conditioning exclude each other: a token is of "
+        "a patch, of a receiver or of a link");
   const auto& finetune = reader.settings.finetune;
   if (finetune.encoder_only &&
       ((finetune.ordered == 0 && finetune.map == 0) || finetune.freeze_encoder || finetune.sigma_epochs > 0))
@@ -474,6 +484,7 @@ NetworkConfig network_of(const RunSettings& settings) {
   config.query_conditioning = settings.network.query_conditioning;
   config.background_conditioning = settings.network.background_conditioning;
   config.receiver_tokens = settings.network.receiver_tokens;
+  config.receiver_conditioning = settings.network.receiver_conditioning;
   config.flat_tokens = settings.network.flat_tokens;
   return config;
 }

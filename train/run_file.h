@@ -30,6 +30,7 @@ struct RunSettings {
     bool query_conditioning = true;
     bool background_conditioning = false;
     bool receiver_tokens = false;
+    bool receiver_conditioning = false;
     bool flat_tokens = false;
     bool parity = false;
     std::string init = "fan_in";

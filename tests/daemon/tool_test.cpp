@@ -131,13 +131,19 @@ TEST(CsiposeModel, ExportsToAFileThatIsNotThereYet) {
             static_cast<int>(ExitStatus::bad_data));
 }
 
-TEST(CsiposeModel, BeginsWithTokensOfReceiversWhereAsked) {
+TEST(CsiposeModel, BeginsWithTokensOfSeveralLinksWhereAsked) {
   testing::ScratchFolder folder;
-  const std::string init = "model init --preset micro --receiver-tokens --out " + (folder / "w.safetensors");
-  EXPECT_EQ(csipose(init + " --parity").status, static_cast<int>(ExitStatus::usage));
-  ASSERT_EQ(csipose(init).status, 0);
-  const Outcome shown = csipose("model show --json " + (folder / "w.safetensors"));
-  EXPECT_NE(shown.text.find("\"receiver_tokens\":true"), std::string::npos) << shown.text;
+  const std::string init = "model init --preset micro --force --out " + (folder / "w.safetensors");
+  for (const auto& [option, key] :
+       {std::pair(" --receiver-tokens", "\"receiver_tokens\":true"),
+        std::pair(" --receiver-conditioning", "\"receiver_conditioning\":true")}) {
+    EXPECT_EQ(csipose(init + option + " --parity").status, static_cast<int>(ExitStatus::usage));
+    ASSERT_EQ(csipose(init + option).status, 0);
+    const Outcome shown = csipose("model show --json " + (folder / "w.safetensors"));
+    EXPECT_NE(shown.text.find(key), std::string::npos) << shown.text;
+  }
+  EXPECT_EQ(csipose(init + " --receiver-tokens --receiver-conditioning").status,
+            static_cast<int>(ExitStatus::usage));
 }
 
 TEST(CsiposeReplay, SaysWhatIsWrongBeforeItStartsAnything) {

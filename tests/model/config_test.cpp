@@ -81,7 +81,11 @@ TEST(Config, JsonRoundTrip) {
     config.receiver_tokens = true;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 360, 1, 1}));
-    config.background_conditioning = config.receiver_tokens = false;
+    config.receiver_tokens = false;
+    config.receiver_conditioning = true;
+    EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
+    EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 360, 1, 1}));
+    config.background_conditioning = config.receiver_conditioning = false;
     config.flat_tokens = true;
     EXPECT_EQ(config_from_json(std::string(name), to_json(config)), config);
     EXPECT_EQ(required_tensors(config).front().shape, (std::vector<std::size_t>{config.dim, 36, 1, 1}));
@@ -156,6 +160,10 @@ TEST(Config, FlatTokensAreOfNoOneLinkToTellOf) {
   config.background_conditioning = false;
   config.receiver_tokens = true;
   EXPECT_NE(refusal("micro", to_json(config)).find("receiver_tokens"), std::string::npos);
+  config.flat_tokens = false;
+  EXPECT_EQ(refusal("micro", to_json(config)), "");
+  config.receiver_conditioning = true;
+  EXPECT_NE(refusal("micro", to_json(config)).find("receiver_conditioning"), std::string::npos);
 }
 
 TEST(Config, SigmaHeadNeedsIdentityConditioning) {

@@ -222,6 +222,35 @@ TEST(Normalisation, AReceiversTokenHasItsLinksSideBySide) {
   }
 }
 
+// Behind a link's own numbers those of the two that follow it around its receiver, 0 where one is not there.
+TEST(Normalisation, ALinksTokenMayHaveItsReceiversOthers) {
+  const Background background = made_up_background("hall", 3);
+  const std::vector<float> x = window_before(background, 4);
+  for (const bool told : {false, true}) {
+    NetworkConfig alone = kPlain;
+    alone.background_conditioning = told;
+    NetworkConfig together = alone;
+    together.receiver_conditioning = true;
+    const std::size_t numbers = alone.link_numbers();
+    for (const LinkSet links : {kAllLinks, LinkSet().set(1).set(6).set(8)}) {
+      std::vector<float> own(alone.token_count(links) * numbers);
+      write_tokens(alone, {}, &background, x, links, own);
+      std::vector<float> tokens(together.token_count(links) * together.token_numbers(), 1.f);
+      ASSERT_EQ(tokens.size(), 3 * own.size());
+      write_tokens(together, {}, &background, x, links, tokens);
+      const float* number = tokens.data();
+      for (std::size_t t = 0; t < kSamples; ++t)
+        for (std::size_t link = 0; link < kLinks; ++link)
+          for (std::size_t i = 0; links[link] && i < kAntennas; ++i) {
+            const std::size_t other = link - link % kAntennas + (link + i) % kAntennas;
+            const std::size_t row = t * links.count() + (links & LinkSet((1u << other) - 1)).count();
+            for (std::size_t c = 0; c < numbers; ++c)
+              ASSERT_EQ(*number++, links[other] ? own[row * numbers + c] : 0.f) << link << ' ' << i;
+          }
+    }
+  }
+}
+
 TEST(Normalisation, SamplesThatAreRepeatedGiveTheSameTokens) {
   const Background background = made_up_background("hall", 3);
   std::vector<float> x = window_before(background, 4), tokens(x.size()), others(x.size());

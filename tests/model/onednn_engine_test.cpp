@@ -139,6 +139,15 @@ TEST(OneDnnEngine, TokensMayBeOfReceivers) {
   expect_against_backgrounds(config);
 }
 
+TEST(OneDnnEngine, TokensMayHaveTheirReceiversOtherLinks) {
+  NetworkConfig config = preset_config("micro");
+  config.receiver_conditioning = true;
+  for (const LinkSet links : {all_links(), LinkSet(0b111000111), LinkSet(0b100011111)})
+    expect_equal_stages(init_random(config, 7, HeadInit::random), links);
+  config.background_conditioning = true;
+  expect_against_backgrounds(config);
+}
+
 TEST(OneDnnEngine, ParityFormRefinesOnceForAll) {
   expect_equal_stages(model_of("tiny", /*identity=*/false), all_links());
 }

@@ -102,10 +102,13 @@ TEST(OnnxGraph, AsksNoMoreQueriesThanThereAreTokens) {
 }
 
 TEST(OnnxGraph, ChoosesTheBackground) {
-  for (const bool told : {false, true}) {
+  enum class Tokens { plain, of_receivers, with_neighbours };
+  for (const Tokens kind : {Tokens::plain, Tokens::of_receivers, Tokens::with_neighbours}) {
+    const bool told = kind != Tokens::plain;
     NetworkConfig config = micro(true, 1, 1);
     config.background_conditioning = told;
-    config.receiver_tokens = told;
+    config.receiver_tokens = kind == Tokens::of_receivers;
+    config.receiver_conditioning = kind == Tokens::with_neighbours;
     const auto model = model_with_backgrounds(config);
     for (const std::uint64_t seed : {1, 2}) {
       const auto x = testing::window_before(testing::made_up_background("", seed), 7);

@@ -425,10 +425,11 @@ TEST_F(Runs, WindowsAreScaledByTheirInstallations) {
 
   // What is written is what the daemon's side reads and does.
   fs::create_directories(folder_);
-  for (const bool told : {false, true}) {
+  for (const int kind : {0, 1, 2}) {
     NetworkConfig config = preset_config("micro");
-    config.background_conditioning = told;
-    config.receiver_tokens = told;
+    config.background_conditioning = kind > 0;
+    config.receiver_tokens = kind == 1;
+    config.receiver_conditioning = kind == 2;
     pool.give_for(config);
     Weights weights = untrained_weights(config, 1);
     set_normalisation(weights, scaling);
@@ -523,6 +524,35 @@ TEST_F(Runs, ReceiverTokensLoseLinksWithinThem) {
   EXPECT_FALSE(left.links.defined());
 }
 
+// A link's token has its receiver's other links: of one that is lost, neither its own token nor what the others have of it.
+TEST_F(Runs, LostLinksAreLostToTheirReceiversOthersToo) {
+  settings_.network.receiver_conditioning = true;
+  settings_.finetune.lose_receiver = settings_.finetune.lose_two_receivers = 0;
+  settings_.finetune.lose_links = 1;
+  settings_.finetune.samples = 20;
+  const std::array<std::uint64_t, 5> windows = {4, 9, 2, 11, 30};
+  const Survivors left = surviving_tokens(settings_, {1, 10, 0}, windows);
+  ASSERT_TRUE(left.links.defined());
+  const NetworkConfig config = network_of(settings_);
+  at::Tensor tokens = at::ones({5, 180, 3 * kChannels});
+  silence(tokens, config, left.links);
+  for (int w = 0; w < 5; ++w)
+    for (std::int64_t row = 0; row < 180; ++row)
+      for (std::int64_t i = 0; i < 3; ++i) {
+        const std::int64_t link = row % 9, other = link - link % 3 + (link + i) % 3;
+        EXPECT_EQ(tokens[w][row].narrow(0, i * kChannels, kChannels).mean().item<float>(),
+                  left.links[w][other].item<float>());
+      }
+}
+
+TEST_F(Runs, PretrainingHidesNoLinkThatOtherTokensHave) {
+  Pool pool = made_up(16);
+  settings_.network.receiver_conditioning = true;
+  EXPECT_THROW(pretrain(in("links"), pool, Workers()), SetupError);
+  settings_.pretrain.mask = "time";
+  EXPECT_TRUE(pretrain(in("times"), pool, Workers()).finished);
+}
+
 // What was learnt without being told of backgrounds goes on as it was, and learns of them.
 TEST_F(Runs, ARunMayBeginToTellOfBackgrounds) {
   const auto made = [] {
@@ -551,6 +581,29 @@ TEST_F(Runs, ARunMayBeginToTellOfBackgrounds) {
   settings.run.out = (folder_ / "learnt").string();
   finetune(settings, second, Workers());
   EXPECT_GT(weight("learnt").narrow(1, kChannels, kChannels).abs().max().item<float>(), 0);
+
+  // The same goes for the other links of a token's receiver, from either of the two.
+  settings.finetune.lr = 1e-12;
+  settings.network.receiver_conditioning = true;
+  for (const auto& [from, numbers] : {std::pair("untold", kChannels), std::pair("learnt", 2 * kChannels)}) {
+    settings.finetune.init = (folder_ / from / "last.safetensors").string();
+    settings.run.out = (folder_ / from / "among_others").string();
+    Pool third = made();
+    finetune(settings, third, Workers());
+    const at::Tensor now = read_weights(fs::path(settings.run.out) / "last.safetensors")
+                               .parameters["encoder.patch_embed.proj.weight"];
+    ASSERT_EQ(now.size(1), 6 * kChannels);
+    EXPECT_LT((now.narrow(1, 0, numbers) - weight(from)).abs().max().item<float>(), 1e-8f) << from;
+    EXPECT_LT(now.slice(1, numbers).abs().max().item<float>(), 1e-8f) << from;
+  }
+  settings.network.receiver_conditioning = false;
+  settings.network.receiver_tokens = true;
+  settings.finetune.init = settings.run.out + "/last.safetensors";
+  settings.run.out = (folder_ / "of_receivers").string();
+  EXPECT_THROW(finetune(settings, second, Workers()), SetupError) << "the same shape, and other tokens";
+  settings.network.receiver_tokens = false;
+  settings.finetune.lr = 1e-3;
+  settings.finetune.init = (folder_ / "untold/last.safetensors").string();
 
   settings.run.out = (folder_ / "larger").string();
   settings.network.preset = "tiny";
