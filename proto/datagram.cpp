@@ -56,11 +56,6 @@ AgentTime get_time(const std::uint8_t* p) {
           load_le<std::uint32_t>(p + 20)};
 }
 
-void require_sodium() {
-  if (sodium_init() < 0)
-    throw SetupError(ExitStatus::os_refusal, "libsodium cannot start: the system gives it no random numbers");
-}
-
 // BLAKE2b keyed with the agent's secret over: purpose, kind of key, context. Different purposes give
 // unrelated keys.
 Secret derive(const AgentKey& key, const char* purpose, const SessionKeys* context = nullptr) {
@@ -129,6 +124,11 @@ void randomise(Array& bytes) {
 }
 
 }  // namespace
+
+void require_sodium() {
+  if (sodium_init() < 0)
+    throw SetupError(ExitStatus::os_refusal, "libsodium cannot start: the system gives it no random numbers");
+}
 
 std::uint16_t agent_number(const AgentKey& key) {
   return load_le<std::uint16_t>(derive(key, "csipose agent number").data());

@@ -55,6 +55,8 @@ struct AgentKey {
 /// The number that stands for this key in headers: two bytes derived from the secret, so nobody has to hand
 /// it out.
 std::uint16_t agent_number(const AgentKey& key);
+/// Before the first use of libsodium. Throws SetupError when it cannot start.
+void require_sodium();
 
 /// Why a datagram was refused. A closed list: one counter per value, and no answer.
 enum class DatagramFault : std::uint8_t {

@@ -75,6 +75,7 @@ void require_private(int fd, const std::string& path) {
 }
 
 std::vector<std::uint16_t> numbers_beside(const std::string& path) {
+  require_sodium();
   std::vector<std::uint16_t> numbers;
   std::error_code error;
   for (const auto& file :
@@ -126,8 +127,7 @@ AgentKey draw_agent_key(const std::string& name, KeyKind kind, const std::vector
   if (!is_receiver_id(name))
     throw SetupError(ExitStatus::usage,
                      "'" + name + "' cannot name a receiver: take 1 to 32 of a-z, 0-9, '-' and '_'");
-  if (sodium_init() < 0)
-    throw SetupError(ExitStatus::os_refusal, "libsodium cannot start: the system gives it no random numbers");
+  require_sodium();
   const std::set<std::uint16_t> numbers(taken.begin(), taken.end());
   if (numbers.size() > std::numeric_limits<std::uint16_t>::max())
     throw SetupError(ExitStatus::cannot_create,
