@@ -183,6 +183,14 @@ void add_refinement(TensorList& list, const NetworkConfig& c) {
 
 }  // namespace
 
+std::vector<std::int64_t> NetworkConfig::token_links_in_turn() const {
+  std::vector<std::int64_t> links;
+  for (std::size_t column = 0; column < token_grid().columns; ++column)
+    for (std::size_t i = 0; i < token_links(); ++i)
+      links.push_back(static_cast<std::int64_t>(token_link(column, i)));
+  return links;
+}
+
 std::vector<std::size_t> NetworkConfig::tokens_there(LinkSet links) const {
   std::vector<std::size_t> tokens;
   for (std::size_t token = 0; token < token_grid().size(); ++token)

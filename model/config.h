@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -63,6 +64,8 @@ struct NetworkConfig {
     return receiver_tokens ? column * kAntennas + i
                            : column / kAntennas * kAntennas + (column + i) % kAntennas;
   }
+  /// Those of all tokens of a sample, one after the other.
+  std::vector<std::int64_t> token_links_in_turn() const;
   /// Numbers of a token: those of its links; or a patch.
   std::size_t token_numbers() const { return flat_tokens ? kPatch * kPatch : token_links() * link_numbers(); }
   TokenGrid token_grid() const {

@@ -237,27 +237,18 @@ class NetworkGraph {
   }
 
   std::int64_t token_count() const { return static_cast<std::int64_t>(config_.token_grid().size()); }
-  /// csi to tokens as the grid, [1][180][60 or 120], three times as many with receiver_conditioning, or [1][60][180 or 360], normalised: of row t * 9 + l the second are three.
+  /// csi to tokens as the grid, [1][180][60 or 120], three times as many with receiver_conditioning, or [1][60][180 or 360], normalised.
   Value tokens(const Value& csi) {
     const Value given = normalisation_.backgrounds.empty() ? by_scalars(csi) : against_background(csi);
     const auto of_link = static_cast<std::int64_t>(config_.link_numbers());
     const Value of_links = graph_.transpose(graph_.reshape(given, {1, of_link, kTokens}), {0, 2, 1});
-    if (config_.receiver_conditioning) return with_neighbours(of_links);
-    if (!config_.receiver_tokens) return of_links;
-    return graph_.reshape(of_links, {1, token_count(), static_cast<std::int64_t>(config_.token_numbers())});
-  }
-  /// [1][180][n] to [1][180][3 n]: behind each link those that follow it around its receiver.
-  Value with_neighbours(const Value& of_links) {
-    constexpr std::int64_t kGroups = kTokens / kAntennas, kEach = kAntennas;
-    const std::int64_t n = of_links.shape[2];
-    const Value by_receiver = graph_.reshape(of_links, {1, kGroups, kEach, n});
-    std::vector<std::int64_t> order;
-    for (std::size_t column = 0; column < kAntennas; ++column)
-      for (std::size_t i = 0; i < kAntennas; ++i)
-        order.push_back(static_cast<std::int64_t>(config_.token_link(column, i)));
-    const std::string around = "tokens.around";
-    Graph::set_integer(graph_.node("Gather", {by_receiver, graph_.integers(order)}, around), "axis", 2);
-    return graph_.reshape({around, {1, kGroups, kEach * kEach, n}}, {1, kTokens, kEach * n});
+    if (config_.token_links() == 1) return of_links;
+    const Value of_samples = graph_.reshape(of_links, {1, kSamples, kLinks, of_link});
+    const std::vector<std::int64_t> links = config_.token_links_in_turn();
+    const std::string name = "tokens.links";
+    Graph::set_integer(graph_.node("Gather", {of_samples, graph_.integers(links)}, name), "axis", 2);
+    return graph_.reshape({name, {1, kSamples, static_cast<std::int64_t>(links.size()), of_link}},
+                          {1, token_count(), static_cast<std::int64_t>(config_.token_numbers())});
   }
   Value by_scalars(const Value& csi) {
     std::vector<float> mean(kChannels, 0.f), deviation(kChannels, normalisation_.ph_std);

@@ -444,14 +444,11 @@ Survivors surviving_tokens(const RunSettings& settings, const Moment& now,
 }
 
 void silence(at::Tensor& tokens, const NetworkConfig& config, const at::Tensor& links) {
-  std::vector<std::int64_t> order;
-  for (std::size_t column = 0; column < config.token_grid().columns; ++column)
-    for (std::size_t i = 0; i < config.token_links(); ++i)
-      order.push_back(static_cast<std::int64_t>(config.token_link(column, i)));
-  const auto parts = static_cast<std::int64_t>(order.size());
+  const std::vector<std::int64_t> in_turn = config.token_links_in_turn();
+  const auto parts = static_cast<std::int64_t>(in_turn.size());
   const std::int64_t windows = tokens.size(0);
   tokens.view({windows, kSamples, parts, -1})
-      .mul_(links.index_select(1, at::tensor(order)).to(tokens.device()).view({windows, 1, parts, 1}));
+      .mul_(links.index_select(1, at::tensor(in_turn)).to(tokens.device()).view({windows, 1, parts, 1}));
 }
 
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {
