@@ -1,9 +1,13 @@
 #include "train/checkpoint.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
+#include <cstring>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <system_error>
@@ -84,6 +88,27 @@ CheckpointFolder::CheckpointFolder(fs::path folder) : folder_(std::move(folder))
     throw SetupError(ExitStatus::cannot_create,
                      fmt::format("the folder {} of the run (run.out) cannot be made: {}", folder_.string(),
                                  error.message()));
+}
+
+void CheckpointFolder::claim() {
+  const fs::path path = folder_ / "lock";
+  FileDescriptor lock(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666));
+  if (!lock)
+    throw SetupError(ExitStatus::cannot_create,
+                     fmt::format("{} cannot be made, which keeps a second run out of the folder: {}",
+                                 path.string(), std::strerror(errno)));
+  if (::flock(lock.get(), LOCK_EX | LOCK_NB) == 0) {
+    lock_ = std::move(lock);
+    return;
+  }
+  if (errno == EWOULDBLOCK)
+    throw SetupError(
+        ExitStatus::try_again,
+        fmt::format("another csipose-train is running in {} (run.out) and would lose its checkpoints "
+                    "to this one; wait for it, stop it, or take another run.out",
+                    folder_.string()));
+  throw SetupError(ExitStatus::cannot_create, fmt::format("{} cannot be locked against a second run: {}",
+                                                          path.string(), std::strerror(errno)));
 }
 
 void CheckpointFolder::write(std::uint64_t step, const Weights& weights, const Parameters& optimiser) const {

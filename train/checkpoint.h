@@ -12,6 +12,7 @@
 #include <string>
 
 #include "model/model.h"
+#include "proto/file_descriptor.h"
 #include "train/parameters.h"
 
 namespace csipose::train {
@@ -41,6 +42,10 @@ class CheckpointFolder {
  public:
   /// Makes the folder. Throws SetupError (cannot_create).
   explicit CheckpointFolder(std::filesystem::path folder);
+  /// From now on and until this object is gone no other process or object may claim it: two runs would take each other's
+  /// checkpoints away. By an advisory lock on the file `lock`, which goes with the process that holds it, however that ends.
+  /// Throws SetupError (try_again: somebody else has it; cannot_create).
+  void claim();
   void write(std::uint64_t step, const Weights& weights, const Parameters& optimiser) const;
   /// The newest whole one.
   std::optional<Checkpoint> newest() const;
@@ -48,6 +53,7 @@ class CheckpointFolder {
 
  private:
   std::filesystem::path folder_;
+  FileDescriptor lock_;
 };
 
 }  // namespace csipose::train

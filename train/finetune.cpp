@@ -454,7 +454,8 @@ void silence(at::Tensor& tokens, const NetworkConfig& config, const at::Tensor& 
 Outcome finetune(const RunSettings& settings, Pool& pool, const Workers& workers) {
   require_whole_windows(settings);
   require_samples(settings, pool);
-  const CheckpointFolder folder(settings.run.out);
+  CheckpointFolder folder(settings.run.out);
+  if (workers.first()) folder.claim();
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   Split split = split_by_clip(pool, settings.data.hold_out, static_cast<std::uint64_t>(settings.run.seed));
   if (settings.data.most_people > 0) {

@@ -170,7 +170,8 @@ Outcome pretrain(const RunSettings& settings, Pool& pool, const Workers& workers
     throw SetupError(ExitStatus::bad_config,
                      fmt::format("network.flat_tokens goes with pretrain.mask = \"link\" alone, not \"{}\"",
                                  settings.pretrain.mask));
-  const CheckpointFolder folder(settings.run.out);
+  CheckpointFolder folder(settings.run.out);
+  if (workers.first()) folder.claim();
   std::optional<Checkpoint> resumed = checkpoint_to_resume(folder, settings);
   LoopPlan plan;
   for (std::uint64_t i = 0; i < pool.size(); ++i) plan.windows.push_back(i);

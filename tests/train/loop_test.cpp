@@ -14,6 +14,7 @@
 #include "proto/npy.h"
 #include "proto/result.h"
 #include "tests/train/made_up_set.h"
+#include "train/checkpoint.h"
 #include "train/finetune.h"
 #include "train/pretrain.h"
 #include "train/schedules.h"
@@ -109,6 +110,23 @@ TEST_F(Runs, PretrainingStoppedAndGoneOnWithMakesTheSameBits) {
   expect_same_tensors(folder_ / "whole/pretrained.safetensors", folder_ / "part/pretrained.safetensors");
   EXPECT_EQ(bytes_of(folder_ / "whole/step-00000004.optim.safetensors"),
             bytes_of(folder_ / "part/step-00000004.optim.safetensors"));
+}
+
+TEST_F(Runs, TwoAtOnceInAFolderAreRefusedAndOneAfterTheOtherAreNot) {
+  Pool pool = made_up(48, 2);
+  {
+    CheckpointFolder other(in("run").run.out);
+    other.claim();
+    for (const auto& run : {pretrain, finetune}) try {
+        run(in("run"), pool, Workers());
+        ADD_FAILURE() << "not refused";
+      } catch (const SetupError& error) {
+        EXPECT_EQ(error.status, ExitStatus::try_again);
+        EXPECT_NE(std::string(error.what()).find(in("run").run.out), std::string::npos) << error.what();
+      }
+    EXPECT_FALSE(other.newest());
+  }
+  EXPECT_TRUE(finetune(in("run"), pool, Workers()).finished);
 }
 
 TEST_F(Runs, FineTuningStoppedAndGoneOnWithMakesTheSameBits) {
