@@ -114,19 +114,20 @@ void add_split(CLI::App& dataset) {
   command
       ->add_option("--by", *by,
                    "lists: its own splits; environment: each by itself; clip: whole clips; window: windows "
-                   "of every clip")
+                   "of every clip; time: the last windows of every clip")
       ->required()
-      ->check(CLI::IsMember({"lists", "environment", "clip", "window"}));
+      ->check(CLI::IsMember({"lists", "environment", "clip", "window", "time"}));
   command->add_option("--share", job->share, "of clips or windows that are drawn")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  command->add_option("--seed", job->seed, "which are drawn")->capture_default_str();
+  command->add_option("--seed", job->seed, "which are drawn; not by time")->capture_default_str();
   add_published_options(*command, job->options);
   command->callback([job, by] {
     const std::map<std::string, SplitBy> ways = {{"lists", SplitBy::lists},
                                                  {"environment", SplitBy::environment},
                                                  {"clip", SplitBy::clip},
-                                                 {"window", SplitBy::window}};
+                                                 {"window", SplitBy::window},
+                                                 {"time", SplitBy::time}};
     job->by = ways.at(*by);
     run_split(*job);
   });

@@ -41,6 +41,8 @@ struct SetAbout {
   std::map<std::uint8_t, std::string> rooms;  ///< names by number, as far as there are names
   std::size_t samples =
       kSamples;  ///< that it keeps of a window; where fewer, each stands for its part of a window
+  /// What its clips are numbered in: of sets that say the same, clips of one number are one clip. Empty: not known.
+  std::string clips{};
 
   std::string room_name(std::uint8_t room) const;
 };

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <set>
 #include <utility>
 
 #include "model/installation_finder.h"
@@ -107,6 +108,24 @@ TrainingMeans means_of(const EvaluationSet& training, const RoomTransform& model
   return means;
 }
 
+/// Who was there in the last training window of each clip that the two sets share.
+std::map<std::string, std::vector<Skeleton>> last_seen_of(const EvaluationSet& training,
+                                                          const EvaluationSet& set,
+                                                          const RoomTransform& model_to_room) {
+  std::map<std::string, std::vector<Skeleton>> last;
+  for (std::size_t i = 0; i < set.windows->size(); ++i)
+    if (const std::string clip = set.windows->clip_name(i); !clip.empty()) last[clip];
+  std::set<std::string> shared;
+  for (std::size_t i = 0; i < training.windows->size(); ++i) {
+    const auto found = last.find(training.windows->clip_name(i));
+    if (found == last.end()) continue;
+    found->second = in_room(model_to_room, training.windows->people(i));
+    shared.insert(found->first);
+  }
+  std::erase_if(last, [&](const auto& clip) { return !shared.contains(clip.first); });
+  return last;
+}
+
 void add(TrivialFigures& figures, std::span<const Skeleton> predicted, std::span<const Skeleton> people) {
   figures.assigned.add(predicted, people);
   figures.detect.add(predicted, people);
@@ -168,6 +187,9 @@ class JoinedWindows : public WindowSource {
   std::string room(std::size_t i) const override { return parts_[part(i)]->room(i - first_[part(i)]); }
   std::uint64_t clip(std::size_t i) const override {
     return std::uint64_t{part(i)} << 32 | parts_[part(i)]->clip(i - first_[part(i)]);
+  }
+  std::string clip_name(std::size_t i) const override {
+    return parts_[part(i)]->clip_name(i - first_[part(i)]);
   }
 
  private:
@@ -277,6 +299,8 @@ std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, cons
   const TrainingMeans means = means_of(training, model_to_room);
   std::vector<TrivialFigures> trivial = {
       {"mean_pose"}, {"mean_at_room"}, {"mean_at_root"}, {"mean_facing"}, {"last_pose"}};
+  const auto last_seen = last_seen_of(training, set, model_to_room);
+  if (!last_seen.empty()) trivial.push_back({"last_seen"});
   std::vector<Skeleton> last;
   for (std::size_t i = 0; i < set.windows->size(); ++i) {
     const std::vector<Skeleton> people = in_room(model_to_room, set.windows->people(i));
@@ -294,6 +318,10 @@ std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, cons
     add(trivial[2], at_roots, people);
     add(trivial[3], facing, people);
     add(trivial[4], last, people);
+    if (!last_seen.empty()) {
+      const auto seen = last_seen.find(set.windows->clip_name(i));
+      add(trivial[5], seen == last_seen.end() ? std::vector<Skeleton>() : seen->second, people);
+    }
     last = people;
   }
   return trivial;

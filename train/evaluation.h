@@ -13,6 +13,8 @@
 //   mean_at_root    mean pose about its root, placed at each person's true root
 //   mean_facing     the same of poses that were turned to face one way, turned as each person truly faces
 //   last_pose       the labels of the window before in the same clip; nobody in a clip's first window
+//   last_seen       the labels of the same clip's last window in the training set, where that has windows of clips that are
+//                   judged by, as the published split has; nobody in other clips. Otherwise there is no such row
 #pragma once
 
 #include <filesystem>
@@ -93,7 +95,7 @@ struct TrivialFigures {
   Metrics assigned{Protocol::assigned};
   Metrics detect{Protocol::detect};  ///< of those within its half metre, all the same
 };
-/// The five trivial answers to `set`, with means from `training`.
+/// The five or six trivial answers to `set`, with means from `training`.
 std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, const EvaluationSet& set,
                                              const RoomTransform& model_to_room);
 

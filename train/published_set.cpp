@@ -73,6 +73,7 @@ class PublishedSet final : public DataSet {
         splits_(wanted_splits(root, options.split)),
         environments_(read_environments(options.env_map)) {
     about_ = {"published", true, environments_.names()};
+    about_.clips = "published";
     for (const std::string& split : splits_)
       for (const char* part : {"csi", "keypoint"})
         if (!fs::is_directory(folder_of(root, split) / part))

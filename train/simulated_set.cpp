@@ -149,16 +149,26 @@ std::unique_ptr<Snapshots> open_snapshots(const fs::path& folder) {
   refuse(folder, "has neither csi.npy nor h.npy: it lacks the channel");
 }
 
-nlohmann::json read_plan(const fs::path& folder) {
+/// dataset.json, which has a plan.
+nlohmann::json read_description(const fs::path& folder) {
   const fs::path path = folder / "dataset.json";
   std::ifstream file(path);
   if (!file)
     throw SetupError(ExitStatus::no_input,
                      fmt::format("{} cannot be read: {} is no finished simulated data set", path.string(),
                                  folder.string()));
-  const nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
+  nlohmann::json json = nlohmann::json::parse(file, nullptr, false);
   if (!json.is_object() || !json.contains("plan")) refuse(path, "is not JSON with a plan");
-  return json["plan"];
+  return json;
+}
+
+/// By the digest of the channel: the same only for the same set. Empty where dataset.json has none.
+std::string clips_name(const nlohmann::json& description) {
+  const nlohmann::json digests = description.value("sha256", nlohmann::json::object());
+  for (const char* array : {"csi.npy", "h.npy"})
+    if (digests.is_object() && digests.contains(array) && digests[array].is_string())
+      return fmt::format("simulated {:.16}", digests[array].get<std::string>());
+  return {};
 }
 
 /// Runs [first, last] of clips.
@@ -202,10 +212,12 @@ class SimulatedSet final : public DataSet {
   SimulatedSet(const fs::path& folder, const std::string& split)
       : folder_(folder),
         split_(split),
-        plan_(read_plan(folder)),
+        description_(read_description(folder)),
+        plan_(description_["plan"]),
         wanted_(clips_of(plan_, folder, split)),
         snapshots_(open_snapshots(folder)) {
-    about_ = {"simulated", fs::exists(folder / "labels.npy"), room_names(plan_), snapshots_->snapshots()};
+    about_ = {"simulated", fs::exists(folder / "labels.npy"), room_names(plan_), snapshots_->snapshots(),
+              clips_name(description_)};
   }
   const SetAbout& about() const override { return about_; }
 
@@ -275,7 +287,7 @@ class SimulatedSet final : public DataSet {
 
   fs::path folder_;
   std::string split_;
-  nlohmann::json plan_;
+  nlohmann::json description_, plan_;
   ClipRuns wanted_;
   std::unique_ptr<const Snapshots> snapshots_;
   SetAbout about_;
@@ -288,7 +300,7 @@ std::unique_ptr<const DataSet> open_simulated_set(const fs::path& folder, const 
 }
 
 std::vector<std::string> splits_of_simulated_set(const fs::path& folder) {
-  const nlohmann::json plan = read_plan(folder);
+  const nlohmann::json plan = read_description(folder)["plan"];
   std::vector<std::string> names;
   if (plan.contains("splits") && plan["splits"].is_object())
     for (const auto& [name, runs] : plan["splits"].items()) names.push_back(name);

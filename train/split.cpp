@@ -79,6 +79,12 @@ std::set<std::size_t> drawn_windows(const Places& places, const SplitJob& job) {
       drawn.merge(draw(windows, job.share, SeededRandom(job.seed, "few windows", {clip})));
     return drawn;
   }
+  if (job.by == SplitBy::time) {
+    for (const auto& [clip, windows] : places.windows_of_clip)
+      drawn.insert(windows.end() - static_cast<std::ptrdiff_t>(drawn_of(windows.size(), job.share)),
+                   windows.end());
+    return drawn;
+  }
   for (const auto& [room, clips] : places.clips_of_room)
     for (const std::uint32_t clip : draw(std::vector(clips.begin(), clips.end()), job.share,
                                          SeededRandom(job.seed, "few clips", {room}))) {
@@ -91,7 +97,8 @@ std::set<std::size_t> drawn_windows(const Places& places, const SplitJob& job) {
 std::vector<SplitPart> split_by_lists(const SplitJob& job, const Warn& warn) {
   const std::vector<std::string> names = splits_of(job.from);
   if (names.empty())
-    refuse(job.from, "has no splits of its own; take --by environment, clip or window", ExitStatus::usage);
+    refuse(job.from, "has no splits of its own; take --by environment, clip, window or time",
+           ExitStatus::usage);
   Parts parts(job.to);
   SetAbout about;
   for (const std::string& name : names) {

@@ -10,12 +10,13 @@ enum class SplitBy {
   environment,  ///< a folder of each room's name
   clip,         ///< whole clips: "drawn" and "rest"
   window,       ///< windows of every clip: "drawn" and "rest"
+  time,         ///< the last windows of every clip: "drawn"; "rest" are those before
 };
 struct SplitJob {
   std::filesystem::path from, to;  ///< from: a folder of windows; by lists, a published or simulated set
   SplitBy by = SplitBy::clip;
   double share = 0.1;      ///< that is drawn; of each room's clips, or of each clip's windows; at least one
-  std::uint64_t seed = 0;  ///< which
+  std::uint64_t seed = 0;  ///< which; not by time
   DataSetOptions options;  ///< by lists
 };
 struct SplitPart {

@@ -65,6 +65,9 @@ class WindowFolder : public WindowSource {
   }
   std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }
   std::uint64_t clip(std::size_t i) const override { return clips_[i]; }
+  std::string clip_name(std::size_t i) const override {
+    return about_.clips.empty() ? std::string() : fmt::format("{} {}", about_.clips, clips_[i]);
+  }
   std::string room(std::size_t i) const override {
     if (rooms_.empty()) return name();
     const auto named = about_.rooms.find(rooms_[i]);
@@ -117,6 +120,7 @@ SetAbout read_about(const fs::path& folder) {
   try {
     const Json json = Json::parse(file);
     about.kind = json.at("kind").get<std::string>();
+    about.clips = json.value("clips", std::string());
     for (const auto& [number, name] : json.at("rooms").items()) {
       std::uint8_t room = 0;
       const char* end = number.data() + number.size();

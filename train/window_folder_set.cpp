@@ -27,9 +27,9 @@ std::string to_json(const SetAbout& about, std::size_t windows, const std::vecto
   Json rooms = Json::object();
   for (const auto& [number, name] : about.rooms)
     if (std::ranges::find(used, number) != used.end()) rooms[fmt::format("{}", number)] = name;
-  return Json{{"kind", about.kind}, {"labelled", about.labelled}, {"windows", windows}, {"rooms", rooms}}
-             .dump(2) +
-         "\n";
+  Json json = {{"kind", about.kind}, {"labelled", about.labelled}, {"windows", windows}, {"rooms", rooms}};
+  if (!about.clips.empty()) json["clips"] = about.clips;
+  return json.dump(2) + "\n";
 }
 
 class WindowFolderSet final : public DataSet {

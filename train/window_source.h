@@ -27,6 +27,8 @@ class WindowSource {
   virtual std::string room(std::size_t) const { return name(); }
   /// Windows of a clip are much alike: they are held out together.
   virtual std::uint64_t clip(std::size_t i) const = 0;
+  /// The same for windows of one clip in whatever folders they are; empty where that is not known.
+  virtual std::string clip_name(std::size_t) const { return {}; }
 };
 
 }  // namespace csipose::train

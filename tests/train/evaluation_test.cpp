@@ -28,8 +28,12 @@ class MadeUp : public WindowSource {
   }
   std::span<const Skeleton> people(std::size_t i) const override { return people_[i]; }
   std::uint64_t clip(std::size_t i) const override { return clips_[i]; }
+  std::string clip_name(std::size_t i) const override {
+    return numbered_in_.empty() ? std::string() : numbered_in_ + std::to_string(clips_[i]);
+  }
 
   std::vector<std::vector<Skeleton>> people_;
+  std::string numbered_in_;  ///< a set
 
  private:
   std::vector<std::uint64_t> clips_;
@@ -216,6 +220,28 @@ TEST(EvaluateTrivial, ClosedForms) {
   const GroupMetrics last = figures_of(rows, "last_pose").assigned.all();
   EXPECT_NEAR(last.frame_mean.mpjpe, 200, 1e-3);
   EXPECT_EQ(last.frames_unmatched, 2u) << "first windows of clips have no window before them";
+}
+
+TEST(EvaluateTrivial, WhereClipsAreSharedTheLastThatWasSeenOfThemIsAnAnswer) {
+  const auto training = std::make_shared<MadeUp>(
+      std::vector<std::vector<Skeleton>>{{standing(0, 0)}, {standing(2, 0)}, {standing(5, 0)}},
+      std::vector<std::uint64_t>{7, 7, 9});
+  const auto windows = std::make_shared<MadeUp>(
+      std::vector<std::vector<Skeleton>>{{standing(2, 0.3f)}, {standing(2, 0.1f)}, {standing(5, 0)}},
+      std::vector<std::uint64_t>{7, 7, 8});
+  const auto rows = [&] {
+    return evaluate_trivial(set_of(training, {0, 0, 0}), set_of(windows, {0, 0, 0}), kIdentityTransform);
+  };
+  EXPECT_EQ(rows().size(), 5u) << "not known to be the same clips";
+  training->numbered_in_ = "morning";
+  windows->numbered_in_ = "evening";
+  EXPECT_EQ(rows().size(), 5u) << "known to be others";
+  windows->numbered_in_ = "morning";
+  const GroupMetrics seen = figures_of(rows(), "last_seen").assigned.all();
+  EXPECT_NEAR(seen.frame_mean.mpjpe, 200, 1e-3);
+  EXPECT_EQ(seen.frames_unmatched, 1u) << "nothing was seen of clip 8";
+  windows->people_[2] = {};
+  EXPECT_EQ(figures_of(rows(), "last_seen").assigned.all().predicted, 2u);
 }
 
 /// Who stands with the left shoulder and hip at the root and right ones beside them.

@@ -22,7 +22,8 @@ inline void write_numbered_folder(const std::filesystem::path& to) {
     const std::vector<Skeleton> people(i % 3);
     writer.add({x, i / 5, static_cast<std::uint8_t>(i / 50), people});
   }
-  writer.finish({"simulated", true, {{0, "office"}, {1, "hall"}, {2, "nobody was here"}}});
+  writer.finish(
+      {"simulated", true, {{0, "office"}, {1, "hall"}, {2, "nobody was here"}}, kSamples, "numbered"});
 }
 
 }  // namespace csipose::testing

@@ -33,14 +33,15 @@ class SimulatedSet : public ::testing::Test {
   void lose(std::size_t row, std::size_t t, std::size_t receiver) {
     received_[(row * kSamples + t) * kReceivers + receiver] = 0;
   }
-  void write() const {
+  void write(const std::string& digests = "") const {
     write_npy<std::int8_t>(set() / "csi.npy", {kRows, kSamples, kReceivers, kSubcarriers, kAntennas, 2},
                            csi_);
     write_npy<std::uint8_t>(set() / "received.npy", {kRows, kSamples, kReceivers}, received_);
     write_npy<std::uint32_t>(set() / "clip.npy", {kRows}, kClips);
     write_npy<float>(set() / "labels.npy", {kRows, 3, kJoints, 3}, labels_);
     std::ofstream(set() / "dataset.json")
-        << R"({"plan": {"made_by": {"rate_hz": "300"}, "splits": {"train": [[0, 0], [2, 2]], "val": []}}})";
+        << R"({"plan": {"made_by": {"rate_hz": "300"}, "splits": {"train": [[0, 0], [2, 2]], "val": []}})"
+        << digests << "}";
   }
   Converted converted(const std::string& split = "") const {
     return convert({set(), folder_ / "out", {.split = split, .env_map = {}}}, [](const std::string&) {});
@@ -110,6 +111,19 @@ TEST_F(SimulatedSet, IsOfTheInstallationThatIsNamed) {
   EXPECT_THROW(convert_as("up/down"), SetupError);
   write_npy<std::uint8_t>(set() / "room.npy", {kRows}, std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1});
   EXPECT_THROW(convert_as("hall"), SetupError) << "of two rooms";
+}
+
+TEST_F(SimulatedSet, ItsClipsAreKnownAgainInFoldersOfItsParts) {
+  const auto clip_of_first = [&](const std::string& digests, const std::string& split) {
+    write(digests);
+    fs::remove_all(folder_ / "out");
+    (void)converted(split);
+    return open_window_folder(folder_ / "out")->clip_name(0);
+  };
+  const std::string digest = R"(, "sha256": {"csi.npy": "0123456789abcdef0123", "clip.npy": "no"})";
+  EXPECT_EQ(clip_of_first(digest, "train"), "simulated 0123456789abcdef 0");
+  EXPECT_EQ(clip_of_first(digest, ""), clip_of_first(digest, "train"));
+  EXPECT_EQ(clip_of_first("", ""), "") << "of a set that does not tell";
 }
 
 TEST_F(SimulatedSet, FillsFromTheRowBeforeButNotFromAnotherClip) {

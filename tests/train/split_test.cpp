@@ -107,6 +107,16 @@ TEST_F(Splits, SomeWindowsOfEveryClip) {
             20u);  // at least one
 }
 
+TEST_F(Splits, TheEndOfEveryClip) {
+  write_numbered_folder(folder_ / "set");
+  for (const int window : drawn({folder_ / "set", folder_ / "out", SplitBy::time, 0.4, 3, {}}))
+    EXPECT_GE(window % 5, 3) << "the last two of five";
+  EXPECT_EQ(drawn({folder_ / "set", folder_ / "out", SplitBy::time, 0.4, 3, {}}).size(), 40u);
+  EXPECT_EQ(drawn({folder_ / "set", folder_ / "out", SplitBy::time, 0.001, 3, {}}).size(),
+            20u);  // at least one
+  EXPECT_EQ(read_about(folder_ / "out/rest").clips, "numbered") << "clips are still known by their numbers";
+}
+
 TEST_F(Splits, ByTheListsOfThePublishedSet) {
   write_published_split(folder_ / "root", "train", {"S11_01_10", "S21_01_10"});
   write_published_split(folder_ / "root", "test", {"S11_01_300"});
