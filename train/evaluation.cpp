@@ -112,17 +112,13 @@ TrainingMeans means_of(const EvaluationSet& training, const RoomTransform& model
 std::map<std::string, std::vector<Skeleton>> last_seen_of(const EvaluationSet& training,
                                                           const EvaluationSet& set,
                                                           const RoomTransform& model_to_room) {
+  std::set<std::string> judged;
+  for (std::size_t i = 0; i < set.windows->size(); ++i) judged.insert(set.windows->clip_name(i));
+  judged.erase("");  // not known
   std::map<std::string, std::vector<Skeleton>> last;
-  for (std::size_t i = 0; i < set.windows->size(); ++i)
-    if (const std::string clip = set.windows->clip_name(i); !clip.empty()) last[clip];
-  std::set<std::string> shared;
-  for (std::size_t i = 0; i < training.windows->size(); ++i) {
-    const auto found = last.find(training.windows->clip_name(i));
-    if (found == last.end()) continue;
-    found->second = in_room(model_to_room, training.windows->people(i));
-    shared.insert(found->first);
-  }
-  std::erase_if(last, [&](const auto& clip) { return !shared.contains(clip.first); });
+  for (std::size_t i = 0; i < training.windows->size(); ++i)
+    if (const std::string clip = training.windows->clip_name(i); judged.contains(clip))
+      last[clip] = in_room(model_to_room, training.windows->people(i));
   return last;
 }
 
@@ -320,7 +316,7 @@ std::vector<TrivialFigures> evaluate_trivial(const EvaluationSet& training, cons
     add(trivial[4], last, people);
     if (!last_seen.empty()) {
       const auto seen = last_seen.find(set.windows->clip_name(i));
-      add(trivial[5], seen == last_seen.end() ? std::vector<Skeleton>() : seen->second, people);
+      add(trivial.back(), seen == last_seen.end() ? std::vector<Skeleton>() : seen->second, people);
     }
     last = people;
   }

@@ -73,7 +73,7 @@ class PublishedSet final : public DataSet {
         splits_(wanted_splits(root, options.split)),
         environments_(read_environments(options.env_map)) {
     about_ = {"published", true, environments_.names()};
-    about_.clips = "published";
+    about_.clips = fmt::format("published {}", fs::weakly_canonical(root).filename().string());
     for (const std::string& split : splits_)
       for (const char* part : {"csi", "keypoint"})
         if (!fs::is_directory(folder_of(root, split) / part))

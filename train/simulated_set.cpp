@@ -209,15 +209,15 @@ std::map<std::uint8_t, std::string> room_names(const nlohmann::json& plan) {
 
 class SimulatedSet final : public DataSet {
  public:
-  SimulatedSet(const fs::path& folder, const std::string& split)
+  /// description: as read_description(folder) gives it.
+  SimulatedSet(const fs::path& folder, const std::string& split, const nlohmann::json& description)
       : folder_(folder),
         split_(split),
-        description_(read_description(folder)),
-        plan_(description_["plan"]),
+        plan_(description.at("plan")),
         wanted_(clips_of(plan_, folder, split)),
         snapshots_(open_snapshots(folder)) {
     about_ = {"simulated", fs::exists(folder / "labels.npy"), room_names(plan_), snapshots_->snapshots(),
-              clips_name(description_)};
+              clips_name(description)};
   }
   const SetAbout& about() const override { return about_; }
 
@@ -287,7 +287,7 @@ class SimulatedSet final : public DataSet {
 
   fs::path folder_;
   std::string split_;
-  nlohmann::json description_, plan_;
+  nlohmann::json plan_;
   ClipRuns wanted_;
   std::unique_ptr<const Snapshots> snapshots_;
   SetAbout about_;
@@ -296,7 +296,7 @@ class SimulatedSet final : public DataSet {
 }  // namespace
 
 std::unique_ptr<const DataSet> open_simulated_set(const fs::path& folder, const std::string& split) {
-  return std::make_unique<SimulatedSet>(folder, split);
+  return std::make_unique<SimulatedSet>(folder, split, read_description(folder));
 }
 
 std::vector<std::string> splits_of_simulated_set(const fs::path& folder) {

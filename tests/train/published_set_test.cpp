@@ -198,6 +198,7 @@ TEST_F(PublishedSet, ClipByClipWithLabelsAndEnvironments) {
             (std::vector<std::uint32_t>{1103, 1127, 1127, 2312, 5240}));
   EXPECT_EQ(read_npy<std::uint8_t>(out() / "room.npy").data, (std::vector<std::uint8_t>{0, 0, 0, 1, 1}));
   const auto set = open_window_folder(out());
+  EXPECT_EQ(set->clip_name(0), fmt::format("published {} 1103", root().filename().string()));
   EXPECT_EQ(set->people(0).size(), 1u);
   ASSERT_EQ(set->people(3).size(), 3u);
   EXPECT_EQ(set->people(3)[2][13].x, 2);
